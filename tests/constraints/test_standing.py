@@ -203,3 +203,8 @@ def test_a_robot_that_stands_with_friction_in_its_joints_rests():
     for _ in range(50):
         plant.hold(torque, 1e-3)
     assert np.abs(plant.measure().v).max() < 1e-6
+
+
+def test_a_log_of_a_robot_that_stands_is_not_identified_as_that_of_a_chain():
+    with pytest.raises(pa.InputError, match="forces of its constraints"):
+        pa.identify("no_file.csv", standing("a1"))

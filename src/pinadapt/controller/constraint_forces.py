@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -76,13 +75,35 @@ class ConstraintForces:
         Raises:
             DivergedError: the wanted torque is not finite.
         """
+        f, own = self._chosen(q, wanted, stands)
+        torque = np.zeros(wanted.size)
+        asked = wanted[self._motors] - own @ f
+        torque[self._motors] = np.clip(asked, -self._limits, self._limits)
+        return torque
+
+    def of_contacts(
+        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return forces [N] and torques [N m] on the contacts' frames (c, 6), in world axes.
+
+        The arguments are those of ``torque``; contacts in the air have zeros.
+        """
+        f, _ = self._chosen(q, wanted, stands)
+        ends = np.cumsum([part.size for part in self.constraints.parts])
+        own = np.split(f, ends[:-1])[len(ends) - len(self._contacts) :]
+        return np.reshape([np.pad(each, (0, 6 - each.size)) for each in own], (-1, 6))
+
+    def _chosen(
+        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the forces f (k), zero in the air, and the rows (., k) of A^T of the motors."""
         if not np.isfinite(wanted).all():
             raise DivergedError("the torque is no longer finite.")
-        motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
-        contacts = self._contacts
+        motors, every = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
+        kept = np.ones(len(every), dtype=bool)
         if stands is not None:
-            A = np.delete(A, len(A) - 3 * len(stands) + _rows(~stands), axis=0)
-            contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
+            kept[len(kept) - 3 * len(stands) :] = np.repeat(stands, 3)
+        A = every[kept]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
         H, g = own.T @ own + _FORCES * np.eye(k), -own.T @ asked
@@ -94,35 +115,30 @@ class ConstraintForces:
         else:  # with what is missed as further unknowns
             H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
             g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([equal, np.eye(len(equal), m)])
-            cones = self._cones(contacts, k)
+            cones = self._cones(len(every))[:, kept]
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own
             low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
             high = np.concatenate([np.full(len(cones), _NONE), asked + self._limits])
             solve = self._solver.dense.solve
             f = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS).x[:k]
-        torque = np.zeros(wanted.size)
-        torque[motors] = np.clip(asked - own @ f, -self._limits, self._limits)
-        return torque
+        forces = np.zeros(len(every))
+        forces[kept] = f
+        return forces, every[:, motors].T
 
-    def _cones(self, contacts: Sequence[Contact], k: int) -> np.ndarray:
+    def _cones(self, k: int) -> np.ndarray:
         """Return the rows (., k) that are positive for possible forces of contacts.
 
         The contacts are the last of the constraints.
         """
-        rows, first = [], k - sum(contact.size for contact in contacts)
-        for contact in contacts:
+        rows, first = [], k - sum(contact.size for contact in self._contacts)
+        for contact in self._contacts:
             own, last = _pyramid(contact), first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
                 own = own @ np.kron(np.eye(2), self.constraints.axes(contact).T)
             rows.append(np.zeros((len(own), k)))
             rows[-1][:, first:last], first = own, last
         return np.concatenate(rows)
-
-
-def _rows(points: np.ndarray) -> np.ndarray:
-    """Return the rows of those point contacts (c) that are true, three each."""
-    return np.flatnonzero(np.repeat(points, 3))
 
 
 def _pyramid(contact: Contact) -> np.ndarray:

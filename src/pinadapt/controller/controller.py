@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive, shown
+from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError
@@ -435,7 +435,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path,
+            torque_filter, path, stands=s.stands,
         )  # fmt: skip
 
     def safe(
@@ -445,6 +445,7 @@ class Controller:
         *,
         damping: float = 30.0,
         hold: bool = True,
+        beside: ArrayLike = 0.0,
     ) -> tuple[np.ndarray, ControllerState]:
         """Return the torque (n) that brings the arm to rest [N m or N], and the next state.
 
@@ -454,7 +455,7 @@ class Controller:
             tau = g(q; a_d) - diag(M(q)) (damping v + (damping / 2)^2 (q - q_0)),
 
         with M of the description, q_0 where it was called with ``hold`` first, and springs of at
-        most half of the torque limits.
+        most half of the torque limits. The contacts that stood at the last step bear it.
 
         For an arm whose ``step`` was refused: it needs no x, and of q and v only what can be
         believed, joint by joint: while both follow from the sample before, both; differences of q
@@ -473,6 +474,7 @@ class Controller:
             damping: rate at which a joint alone loses its speed [1/s]; less where the period of the
                 controller is long.
             hold: whether there are springs; not for an arm that is moved by hand.
+            beside: torque (n) that is added to gravity [N m or N], of a load that is not learned.
 
         Raises:
             InputError: the state is that of another controller, another thread is using this one,
@@ -490,7 +492,7 @@ class Controller:
             sensed = self.senses.believed(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
-            torque = np.array(dynamics.torque(sensed.q, zero, zero))
+            torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
             displaced = row(sensed.trail, kernels.DISPLACED)
@@ -499,7 +501,7 @@ class Controller:
             most = math.inf if limits is None else _SPRING * limits
             torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
             if self._forces is not None:
-                torque = self._forces.torque(sensed.q, torque)
+                torque = self._forces.torque(sensed.q, torque, state.stands)
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -554,6 +556,21 @@ class Controller:
         with self.reserved():
             s = self._seen(state, measurement, desired)
             return s, self.law.command(s, self._model(state, s, None))
+
+    def contact_forces(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> np.ndarray:
+        """Return forces [N] and torques [N m] (c, 6) that ``step`` chooses for c contacts.
+
+        They act on the contacts' frames, in world axes; zero in the air.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        s, command = self.command(state, measurement, desired)
+        if self._forces is None:
+            return np.zeros((0, 6))
+        return self._forces.of_contacts(s.q, command.torque, s.stands)
 
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None

@@ -56,6 +56,7 @@ class ControllerState(NamedTuple):
         path: time of the path, where a governor may slow it, or where it had to wait for a
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
+        stands: (c) which of a robot's point contacts stand, as last desired; None: all.
     """
 
     t: float
@@ -69,6 +70,7 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
+    stands: np.ndarray | None = None
 
     @property
     def a_d(self) -> np.ndarray:

@@ -98,10 +98,17 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, a mass that is not positive, or nothing is unknown.
+        InputError: unknown words, a mass that is not positive, nothing is unknown, or a robot that
+            has constraints.
         ParameterError: a total mass that leaves nothing for the unknown bodies.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
+    if described.constraints:
+        raise InputError(
+            "a log does not contain the forces of its constraints.",
+            where="robot",
+            hint="A run's rollout.learned() has what its controller learned.",
+        )
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import InputError
-from ..records import Desired
+from ..records import Desired, Measurement
 from ..tasks.frame import rotation_between, turned
+from ..tasks.task import Task
 
 # [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
 LONGEST_RAMP, _LOOKS = 5.0, 250
@@ -210,6 +211,13 @@ class Hold(Trajectory):
         self._own = point is not None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
         self._rest = np.zeros(self.point.size)
+
+    @classmethod
+    def of(cls, task: Task, measurement: Measurement) -> Hold:
+        """Return the rest where a measurement has the robot, a pose with its six velocities."""
+        made = cls(task.measured(measurement.x, measurement.q))
+        made._rest = np.zeros(task.size)
+        return made
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
