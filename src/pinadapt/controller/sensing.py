@@ -100,24 +100,21 @@ class FrameFit:
             e: (m_p) [m].
             trail: of the samples, in which the way of the joints begins anew with each new fit.
         """
-        X, none, anew = np.hstack([X, np.eye(len(e))]), np.zeros(len(self.prior)), fit is None
-        fit = fit or Explained(none, np.zeros((none.size, none.size + 1)))
-        r = e - X.dot(fit.value)
-        size, bound, moved = (
-            float(np.linalg.norm(r)),
-            CERTAIN * self.deviation,
-            trail[kernels.SINCE],
-        )
+        n, moved = len(self.prior), trail[kernels.SINCE]
+        value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
+        X = np.hstack([X, np.eye(len(e))])
+        r = e - X.dot(value)
+        size, bound = math.sqrt(r @ r), CERTAIN * self.deviation
         if size > bound:
-            S = X @ np.linalg.solve(self.prior + fit.sums[:, :-1], X.T)
+            S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
             S += self.deviation**2 * np.eye(len(e))
             bound = CERTAIN * size / math.sqrt(r @ np.linalg.solve(S, r))
-        if size > bound or not (anew or moved > _FRAME):
-            return size, bound, None if anew else fit
-        rows = np.column_stack([X, e]) / self.deviation
-        sums = math.exp(-moved) * fit.sums + rows[:, :-1].T @ rows
-        trail[kernels.SINCE] = 0.0
-        return size, bound, Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
+        if size <= bound and moved > _FRAME:
+            rows = np.column_stack([X, e]) / self.deviation
+            sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
+            fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
+            trail[kernels.SINCE] = 0.0
+        return size, bound, fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +227,11 @@ class Senses:
             x = kinematics.x_hat
         elif x is not None:
             error = kinematics.p_hat - x[:m]
-            _, fit = self._checked_frame(measurement, error, kinematics, None, trail, math.inf)
-            turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
+            own = before.trail
+            _, fit = self._checked_frame(measurement, error, kinematics, None, own, math.inf)
+            turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
             if guards.frames is not None and turn > _AWRY:
-                _bridge(kernels.TURNED, measurement, "[rad] against the model,", turn, _AWRY, trail)
+                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
         first = None if guards.first is None else guards.first.init()
         return before._replace(x=None if x is None else x.copy(), first=first, fit=fit)
 
@@ -352,7 +350,7 @@ class Senses:
             return
         i = int(np.argmax(wrong))
         size, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
-        self._bridge_joint(int(kinds[i]), sample, i, size, bound, trail, math.inf if apart else dt)
+        self._bridge(int(kinds[i]), sample, size, bound, trail, math.inf if apart else dt, i)
 
     def _checked_torque(
         self, sample: Measurement, trail: np.ndarray, dt: float, sent: np.ndarray | None
@@ -375,7 +373,7 @@ class Senses:
         if not abs(tau[i]) > most[i]:
             trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
             return sample
-        self._bridge_joint(flaw, sample, i, tau[i], most[i], trail, dt)
+        self._bridge(flaw, sample, tau[i], most[i], trail, dt, i)
         return sample._replace(tau=None)
 
     def check_momentum(
@@ -397,21 +395,37 @@ class Senses:
         """
         if self.guards.momentum and kernels.exceeds(residual, limits):
             i = int(np.argmax(np.abs(residual) / limits))
-            self._bridge_joint(kernels.AGAINST, sample, i, residual[i], limits[i], trail, math.inf)
+            self._bridge(kernels.AGAINST, sample, residual[i], limits[i], trail, joint=i)
 
-    def _bridge_joint(
+    def _bridge(
         self,
         flaw: int,
         sample: Measurement,
-        i: int,
         residual: float,
         bound: float,
         trail: np.ndarray,
-        dt: float,
+        dt: float = math.inf,
+        joint: int | None = None,
     ) -> None:
-        """Count what is bridged of a joint i, see ``_bridge``."""
-        where = f"joint '{self.guards.model.names[i + 1]}',"
-        _bridge(flaw, sample, where, residual, bound, trail, dt)
+        """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
+
+        Raises:
+            ImplausibleError: with the residual and its bound.
+        """
+        name, words, guess, guard = _FLAWS[flaw]
+        channel = kernels.BRIDGED + _CHANNELS[name]
+        trail[_CHANNELS[name]] += 1.0
+        trail[channel] = trail[channel] + dt if trail[channel] or dt == math.inf else 1e-12
+        if trail[channel] > LASTS:
+            where = f"against the model, [{'rad' if flaw == kernels.TURNED else 'm'}]"
+            if joint is not None:
+                where = f"joint '{self.guards.model.names[joint + 1]}',"
+            words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
+            hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
+            if name == "x":
+                unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
+                hint = f"{unknown} {hint}"
+            raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
 
     def _checked_frame(
         self,
@@ -440,7 +454,7 @@ class Senses:
             size, bound, fit = frames.after(fit, X_k, error, trail)
         if size > bound:
             since = 0.0 if dt < math.inf else dt
-            _bridge(kernels.MOVED, sample, "[m] against the model,", size, bound, trail, since)
+            self._bridge(kernels.MOVED, sample, size, bound, trail, since)
             return sample._replace(x=None, x_time=None, xd=None), fit
         trail[kernels.BRIDGED + kernels.FRAME] = 0.0
         return sample, fit
@@ -464,40 +478,13 @@ def new_trail(v: np.ndarray) -> np.ndarray:
     trail = np.zeros(kernels.TRAIL + kernels.ROWS * v.size)
     row(trail, kernels.RATE)[:] = row(trail, kernels.RAW_V)[:] = v
     row(trail, kernels.RAW_Q)[:] = np.nan
+    trail[kernels.SINCE] = np.inf
     return trail
 
 
 def row(trail: np.ndarray, which: int) -> np.ndarray:
     """Return one number a joint (n) of a trail, as a view."""
     return trail[kernels.TRAIL + which :: kernels.ROWS]
-
-
-def _bridge(
-    flaw: int,
-    sample: Measurement,
-    where: str,
-    residual: Any,
-    bound: Any,
-    trail: np.ndarray,
-    dt: float = math.inf,
-) -> None:
-    """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
-
-    Raises:
-        ImplausibleError: with the residual and its bound.
-    """
-    name, words, guess, guard = _FLAWS[flaw]
-    channel = _CHANNELS[name]
-    since = trail[kernels.BRIDGED + channel]
-    trail[channel] += 1.0
-    trail[kernels.BRIDGED + channel] = since + dt if since or dt == math.inf else 1e-12
-    if trail[kernels.BRIDGED + channel] > LASTS:
-        words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
-        hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
-        if name == "x":
-            unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
-            hint = f"{unknown} {hint}"
-        raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
@@ -553,9 +540,9 @@ def make_guards(
         if kinematics.calibrated:
             span = np.zeros((2, kinematics.size)) if box is None else box
             off = np.append(0.5 * (span[1] - span[0]), np.full(m, _OFFSET * size))
-            deviation = _FRAME * size / CERTAIN + 2.0 * quality.x
-            prior = np.diag((CERTAIN / np.maximum(off, deviation)) ** 2)
-            frames = FrameFit(kinematics.initial, prior, deviation)
+            scatter = _FRAME * size / CERTAIN + 2.0 * quality.x
+            prior = np.diag((CERTAIN / np.maximum(off, scatter)) ** 2)
+            frames = FrameFit(kinematics.initial, prior, scatter)
     if on["gravity"]:
         deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
         torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
