@@ -386,7 +386,8 @@ class Senses:
 
         Args:
             sample: what was measured.
-            residual: (n) low-passed torque that the motion shows, less the one sent [N m or N].
+            residual: (n) low-passed torque that the motion of the model needs, less the one that
+                was sent [N m or N].
             limits: (n) of the torque [N m or N].
             trail: of the sample.
 
