@@ -673,7 +673,9 @@ class Controller:
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
             if self.limits.torque is not None:
                 of_model = filtered.error(s.a_0)  # which no estimate explains away
-                self.senses.check_momentum(sample, of_model, self.limits.torque, sensed.trail)
+                self.senses.check_momentum(
+                    sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
+                )
         still = resting and not (xd_d.any() or xdd_d.any())
         near = self.senses.guards.near
         s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)

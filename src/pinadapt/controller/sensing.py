@@ -40,6 +40,7 @@ _BRAKED = 20.0  # [rad/s^2, or of the reach for slides] by which friction stops 
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests; half:
 # friction keeps estimates moving, double: slow paths stop them
 _FRAME, _OFFSET = 0.02, 0.1  # of the reach, by which a frame, and all of them, may be off
+_MOVING = 0.25  # of the residual that M dv/dt has: 0.5 of a wrong sign, 0 of a held joint
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
@@ -377,25 +378,37 @@ class Senses:
         return sample._replace(tau=None)
 
     def check_momentum(
-        self, sample: Measurement, residual: np.ndarray, limits: np.ndarray, trail: np.ndarray
+        self,
+        sample: Measurement,
+        residual: np.ndarray,
+        torque: np.ndarray,
+        limits: np.ndarray,
+        trail: np.ndarray,
     ) -> None:
         """Refuse a motion that shows more torque beside the motors than they have.
 
-        What pushes a joint that its motor could hold is smaller. A joint whose sign is wrong
-        accelerates against its torque, which then rises to its limit.
+        A joint whose sign is wrong accelerates against its torque, which rises to its limit: half
+        of the residual is then M dv/dt. Of a joint that is held none is, whatever its motor does.
 
         Args:
             sample: what was measured.
             residual: (n) low-passed torque that the motion of the model needs, less the one that
                 was sent [N m or N].
+            torque: (n) that was sent, low-passed [N m or N].
             limits: (n) of the torque [N m or N].
             trail: of the sample.
 
         Raises:
             ImplausibleError: it does.
         """
-        if self.guards.momentum and kernels.exceeds(residual, limits):
-            i = int(np.argmax(np.abs(residual) / limits))
+        if not (self.guards.momentum and kernels.exceeds(residual, limits)):
+            return
+        model = self.guards.model
+        gravity = pin.computeGeneralizedGravity(model, model.createData(), sample.q)
+        moving = np.abs(residual) > limits
+        moving &= (residual + torque - gravity) * residual > _MOVING * residual**2
+        if moving.any():
+            i = int(np.argmax(moving))
             self._bridge(kernels.AGAINST, sample, residual[i], limits[i], trail, joint=i)
 
     def _bridge(
