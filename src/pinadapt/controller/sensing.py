@@ -103,9 +103,11 @@ class FrameFit:
         """
         n, moved = len(self.prior), trail[kernels.SINCE]
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
-        X = np.hstack([X, np.eye(len(e))])
-        r = e - X.dot(value)
-        size, bound = math.sqrt(r @ r), CERTAIN * self.deviation
+        p = len(self.start)
+        r = e - X.dot(value[:p]) - value[p:]
+        size, bound = math.sqrt(r.dot(r)), CERTAIN * self.deviation
+        if size > bound or moved > _FRAME:
+            X = np.hstack([X, np.eye(len(e))])
         if size > bound:
             S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
             S += self.deviation**2 * np.eye(len(e))
