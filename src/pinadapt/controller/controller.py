@@ -688,6 +688,11 @@ class Controller:
                 tau = self._inputs.torque(sample.tau)
             filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
+            if self.limits.torque is not None:
+                of_model = filtered.error(s.a_0)  # which no estimate explains away
+                self.senses.check_momentum(
+                    sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
+                )
         still = resting and not (xd_d.any() or xdd_d.any())
         near = self.senses.guards.near
         s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
@@ -712,7 +717,7 @@ class Controller:
             since = measurement.t - state.t if guards.clock else elapsed
         sensed, resting, measurement = self.senses.read(
             before, state.t, measurement, self.kinematics, state.kinematic.value, since,
-            self._position_error,
+            self._position_error, getattr(state.torque_filter, "tau", None),
         )  # fmt: skip
         return sensed, resting, measurement, desired, elapsed
 
