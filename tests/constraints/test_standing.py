@@ -8,7 +8,7 @@ import pytest
 
 import pinadapt as pa
 from benchmarks.standing import Sway
-from pinadapt.controller.constraint_forces import ConstraintForces
+from pinadapt.controller.constraint_forces import ConstraintForces, Missed
 from pinadapt.models.linear_kinematics import FrameKinematics
 from pinadapt.robot.constraints import Constraints
 from pinadapt.trajectories.pose import PoseTrajectory, Swing
@@ -101,12 +101,41 @@ def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
     forces = ConstraintForces(robot, None)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
     g[0] = 5.0 * g[2]  # five times the weight along the ground
-    torque = forces.torque(robot.q0, g)
+    torque, missed = forces.solve(robot.q0, g)
+    assert missed.size > g[2] and missed.cause.startswith("contact of ")
     A, _ = forces.constraints.at(robot.q0, np.zeros(g.size))
     f = np.linalg.solve(A.T[6:], g[6:] - torque[6:]).reshape(4, 3)
     assert (f[:, 2] > -1e-3 * g[0]).all()
     assert (np.linalg.norm(f[:, :2], axis=1) <= 0.6 * f[:, 2] + 2e-3 * g[0]).all()
     assert f[:, 0].sum() > 0.3 * f[:, 2].sum()  # as much as friction allows
+
+
+def test_the_limit_that_a_torque_misses_is_named():
+    robot = standing("a1")
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    strong = np.full(18, 50.0)
+    assert ConstraintForces(robot, strong).solve(robot.q0, g)[1] == Missed()
+    aside = g + np.eye(18)[0] * 0.43 * g[2]  # friction bears 0.42 of the weight
+    torque, missed = ConstraintForces(robot, strong).solve(robot.q0, aside)
+    assert missed.cause.startswith("contact of") and 0.1 < missed.size < 0.02 * g[2]
+    strong[robot.joint_names.index("RR_calf_joint")] = 0.5
+    torque, missed = ConstraintForces(robot, strong).solve(robot.q0, g)
+    assert missed.cause.startswith("effort of ") and (np.abs(torque[6:]) <= strong[6:]).all()
+
+
+def test_a_run_says_when_its_torque_was_infeasible():
+    """The trunk is shaken with more than friction bears; estimates rest meanwhile."""
+    robot = standing("a1")
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    shaking = PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 0.02, 0.2), None)
+    path = shaking.starting_at(robot.position(robot.q0)).from_rest(0.1)
+    rollout = pa.simulate(robot, controller, path, duration=0.12, progress=False)
+    first = rollout.infeasible[0]
+    assert 0.0 < first.start < first.end and first.cause.startswith("contact of ")
+    assert "torque infeasible" in rollout.verdict
+    k = np.flatnonzero((rollout.t > first.start) & (rollout.t <= first.end))
+    moved = np.abs(np.diff(rollout.a_d, axis=0)).max(axis=1)
+    assert not moved[k[:-1]].any() and moved[: k[0] - 2].any()
 
 
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():

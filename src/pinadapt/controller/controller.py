@@ -32,7 +32,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
-from .constraint_forces import ConstraintForces
+from .constraint_forces import ConstraintForces, Missed
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
@@ -435,7 +435,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path,
+            torque_filter, path, missed=s.missed,
         )  # fmt: skip
 
     def safe(
@@ -578,9 +578,9 @@ class Controller:
 
         The limits of the motors hold for their torque, with the compensation that the arm adds.
 
-        While a motor saturates, the tracking error shows the missing torque as well as the errors
-        of the parameters, and would wind the estimates up. They then learn only from what holds
-        for any torque, the prediction errors.
+        While a motor or a contact is at its limit, the tracking error shows the missing torque as
+        well as the errors of the parameters, and would wind the estimates up. They then learn only
+        from what holds for any torque, the prediction errors.
 
         Where motors are declared late, and the adaptation predicts the torque, the feedforward
         that a law returns leads by that time. dV/dt is then no equality; nor is it with late
@@ -596,7 +596,9 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque, s.stands)
+            torque, s.missed = self._forces.solve(s.q, torque, s.stands)
+            if s.missed.size:
+                drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -652,7 +654,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands = None if feet is None else feet.stands
+        s.stands, s.missed = None if feet is None else feet.stands, Missed()
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))

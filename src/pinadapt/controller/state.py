@@ -14,6 +14,7 @@ from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
+from .constraint_forces import Missed
 from .governor import PathTime
 from .sensing import LASTS, row
 
@@ -56,6 +57,7 @@ class ControllerState(NamedTuple):
         path: time of the path, where a governor may slow it, or where it had to wait for a
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
+        missed: what constraint forces could not give of the torque at the last sample.
     """
 
     t: float
@@ -69,6 +71,7 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
+    missed: Missed = Missed()
 
     @property
     def a_d(self) -> np.ndarray:
