@@ -146,3 +146,19 @@ class DivergedError(PinadaptError):
         """Keep the reason and the time [s]."""
         self.reason, self.time = reason, time
         super().__init__(reason)
+
+
+class ContactError(DivergedError):
+    """A contact that is taken to stand has lifted or slipped, so that no constraint holds there.
+
+    Attributes:
+        frame: that of the contact.
+    """
+
+    def __init__(self, frame: str, moved: float) -> None:
+        """Name the contact, and how far it moved [m]."""
+        self.frame = frame
+        super().__init__(
+            f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved:.3g} mm. Look for "
+            "less friction than was declared, an obstacle, or a desired motion that is too fast."
+        )

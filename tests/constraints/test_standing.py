@@ -138,6 +138,39 @@ def test_a_run_says_when_its_torque_was_infeasible():
     assert not moved[k[:-1]].any() and moved[: k[0] - 2].any()
 
 
+def test_a_foot_that_slips_ends_the_run_by_its_name():
+    """The ground has a tenth of the friction that the controller takes it to have."""
+    robot = standing("a1")
+    ice = pa.load("a1", base="free", contacts=[pa.Contact(f, friction=0.06) for f in FEET["a1"]])
+    path = PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 0.03, 0.5), None)
+    path = path.starting_at(robot.position(robot.q0)).from_rest(0.2)
+    for guards in (True, False):
+        controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=guards))
+        rollout = pa.simulate(ice, controller, path, duration=0.06, engine="mujoco", progress=False)
+        assert (rollout.diverged is not None) == guards
+    stream = pa.run(pa.plants.MujocoPlant(ice), pa.make_controller(robot), path, dt=1e-3)
+    with pytest.raises(pa.exceptions.ContactError, match="lifted or slipped") as caught:
+        list(islice(stream, 60))
+    assert caught.value.frame in FEET["a1"] and 0.0 < caught.value.time < 0.06
+
+
+def test_a_contact_moves_from_where_it_came_down():
+    robot = standing("a1")
+    constraints, q, v = robot.constrained, robot.q0.copy(), np.zeros(18)
+    constraints.at(q, v)
+    first, moved = constraints.footing(np.zeros((0, 3)), None, 1e-3)
+    assert not moved.any()
+    q[robot.joint_names.index("FR_calf_joint")] -= 0.1  # lifts
+    constraints.at(q, v)
+    _, moved = constraints.footing(first, None, 1e-3)
+    assert moved[1] > 0.015 and not moved[[0, 2, 3]].any()
+    stands = np.array([True, False, True, True])
+    there, moved = constraints.footing(first, stands, 1e-3)
+    assert not moved.any() and np.isnan(there[1]).all()
+    landed, moved = constraints.footing(there, None, 1e-3)
+    assert not moved.any() and landed[1, 2] > 1e-3
+
+
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():
     for feet in ([], FEET["a1"][:2]):
         robot = pa.load("a1", base="free", contacts=feet)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from .._checks import flag, positive, shown
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError, InputError
+from ..exceptions import ContactError, DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
@@ -405,6 +405,7 @@ class Controller:
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
+            ContactError: a contact that stands lifted or slipped, unless there are no guards.
             InputError: another thread is using this controller.
         """
         self._reserve()
@@ -412,6 +413,7 @@ class Controller:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             if not elapsed:  # the time of the sample before
                 s.adapting = False
+            footing = self._footing(state.footing, s.stands, elapsed)
             model = self._model(state, s, elapsed)
             torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
@@ -427,6 +429,8 @@ class Controller:
                 held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
+        except ContactError:
+            raise
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
@@ -435,7 +439,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path, missed=s.missed,
+            torque_filter, path, missed=s.missed, footing=footing,
         )  # fmt: skip
 
     def safe(
@@ -602,6 +606,21 @@ class Controller:
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
+
+    def _footing(self, before: np.ndarray, stands: np.ndarray | None, elapsed: float) -> np.ndarray:
+        """Return where contacts stand (c, 3); the constraints are those of this sample.
+
+        Raises:
+            ContactError: one has moved.
+        """
+        constraints = self.kinematics.constraints
+        if constraints is None:
+            return before
+        footing, moved = constraints.footing(before, stands, elapsed)
+        if moved.max(initial=0.0) > self.limits.slip:
+            foot = int(moved.argmax())
+            raise ContactError(self.kinematics.robot.contacts[foot].frame, float(moved[foot]))
+        return footing
 
     def _led(
         self, feedforward: np.ndarray, filtered: FilteredTorque, residual: np.ndarray

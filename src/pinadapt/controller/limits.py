@@ -20,6 +20,7 @@ from .governor import Governor, PathGovernor
 from .sensing import GUARDS
 
 _ABSURD = 1e4
+_SLIP = 0.01  # PLACEHOLDER
 _IDEAL = Actuators()
 
 
@@ -104,6 +105,7 @@ class ControllerLimits:
         estimate: bound on the norm of all estimates together, infinite for none.
         stop_on_divergence: whether estimates that went wrong end the run.
         governor: of the time of the path, or None.
+        slip: by which a contact may move while it stands [m].
         actuators: for which gains and rates were made.
     """
 
@@ -112,6 +114,7 @@ class ControllerLimits:
     estimate: float = np.inf
     stop_on_divergence: bool = True
     governor: PathGovernor | None = None
+    slip: float = np.inf
     actuators: Actuators = _IDEAL
 
 
@@ -160,6 +163,7 @@ def limits_for(
         _ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         path,
+        np.inf if limits.guards is False else _SLIP,
         _IDEAL if limits.actuators is None else limits.actuators,
     )
 

@@ -19,6 +19,7 @@ from .governor import PathTime
 from .sensing import LASTS, row
 
 _NOTHING = SensedState(np.zeros(0), np.zeros(0))
+_NO_FOOTING = np.zeros((0, 3))
 
 
 class Bridged(NamedTuple):
@@ -58,6 +59,7 @@ class ControllerState(NamedTuple):
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
         missed: what constraint forces could not give of the torque at the last sample.
+        footing: (c, 3) where contacts stand [m], NaN in the air; see ``Constraints.footing``.
     """
 
     t: float
@@ -72,6 +74,7 @@ class ControllerState(NamedTuple):
     path: PathTime | None = None
     start: Any = None
     missed: Missed = Missed()
+    footing: np.ndarray = _NO_FOOTING
 
     @property
     def a_d(self) -> np.ndarray:
