@@ -155,10 +155,7 @@ class ContactError(DivergedError):
         frame: that of the contact.
     """
 
-    def __init__(self, frame: str, moved: float) -> None:
-        """Name the contact, and how far it moved [m]."""
+    def __init__(self, reason: str, time: float | None = None, frame: str = "") -> None:
+        """Keep the reason, the time [s] and the contact's frame."""
         self.frame = frame
-        super().__init__(
-            f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved:.3g} mm. Look for "
-            "less friction than was declared, an obstacle, or a desired motion that is too fast."
-        )
+        super().__init__(reason, time)

@@ -619,7 +619,13 @@ class Controller:
         footing, moved = constraints.footing(before, stands, elapsed)
         if moved.max(initial=0.0) > self.limits.slip:
             foot = int(moved.argmax())
-            raise ContactError(self.kinematics.robot.contacts[foot].frame, float(moved[foot]))
+            frame = self.kinematics.robot.contacts[foot].frame
+            raise ContactError(
+                f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved[foot]:.3g} mm. "
+                "Look for less friction than was declared, an obstacle, or a desired motion that "
+                "is too fast.",
+                frame=frame,
+            )
         return footing
 
     def _led(
