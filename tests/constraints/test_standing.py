@@ -214,6 +214,36 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, 
     assert abs(samples[-1].state.a_d[0] / trunk - 1.0) < 0.02
 
 
+@pytest.mark.slow
+def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
+    """Talos on two soles, poses of both, with unknown loads on trunk and hand."""
+    frames, n = ["base_link", "gripper_left_base_link"], range(1, 8)
+    locked = [*(f"arm_right_{k}_joint" for k in n), "gripper_left_joint", "gripper_right_joint"]
+    options = {"frames": frames, "locked": [*locked, "head_1_joint", "head_2_joint"]}
+    robot = standing("talos", **options)
+    bent = {"arm_left_2_joint": 0.4, "arm_left_4_joint": -1.4, "arm_left_6_joint": 0.7}
+    home = zip(robot.joint_names, robot.home_angles, strict=True)
+    robot = standing("talos", **options, q0=[bent.get(name, angle) for name, angle in home])
+    trunk, hand = pa.Payload(8.0, (-0.1, 0.0, 0.2)), pa.Payload(0.5, (0.0, 0.0, -0.05))
+    true = robot.changed(payload=dict(zip(frames, (trunk, hand), strict=True)))
+    own = [
+        PoseTrajectory(
+            pa.trajectories.Circle(np.zeros(3), radius, 2.0, plane),
+            Swing((0.0, 1.0, 0.0), turn, 2.0),
+        )
+        for radius, plane, turn in ((0.015, "xy", 0.05), (0.04, "yz", 0.1))
+    ]
+    path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0)).from_rest()
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    rollout = pa.simulate(true, controller, path, duration=2.5, engine="mujoco", progress=False)
+    assert rollout.distance.max() < 3e-3 and rollout.window(False).max() < 2e-4
+    assert rollout.infeasible == ()
+    found = rollout.a_d[-1, [0, 10]]
+    assert found == pytest.approx(
+        [true.model.inertias[k + 1].mass for k in robot.carriers], rel=0.05
+    )
+
+
 def test_what_does_not_hold_under_constraints_is_refused():
     robot = standing("a1")
     for refused in ({"law": "adaptive-inverse-dynamics"}, {"adaptation": "natural-memory"}):

@@ -20,8 +20,8 @@ from .governor import Governor, PathGovernor
 from .sensing import GUARDS
 
 _ABSURD = 1e4
-# [m] by which a contact may move. Half or twice: an A1 whose friction is a tenth of the declared one
-# is stopped after 18 or 36 ms in place of 25, with half of it after 77 or 114 in place of 92; feet
+# [m] by which a contact may move. Half or twice: an A1 with a tenth of the declared friction is
+# stopped after 18 or 36 ms in place of 25, with half of it after 77 or 114 in place of 92; those
 # that stand move by 2.4 mm at most
 _SLIP = 0.01
 _IDEAL = Actuators()
