@@ -45,7 +45,7 @@ class RightInverse:
     """
 
     __slots__ = (
-        *("J", "_A_rate", "_levels", "_rows", "_rows_rate"),
+        *("J", "_A_rate", "_damped", "_levels", "_rows", "_rows_rate"),
         *("conditioning", "damping", "gram_inverse", "size", "unique"),
     )
 
@@ -84,7 +84,8 @@ class RightInverse:
                 "kinematics. Keep the path away from the edge of the workspace, start with better "
                 "kinematics, or damp the inverse (damping = 0.2)."
             )
-        self.unique = m == n and not self.conditioning < threshold
+        self._damped = self.conditioning < threshold
+        self.unique = m == n and not self._damped
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
@@ -168,9 +169,9 @@ class RightInverse:
         by -d(s_k^2)/dt / 2 = -sum_i (s_k^2 / lambda_i)^2 dlambda_i/dt / 2, lambda_i the eigenvalues
         of S.
         """
+        if not self._damped:
+            return self.damping
         rate, total, above = np.zeros(len(self.J)), 0.0, 0.0
-        if not self.damping.any():
-            return rate
         gram, gram_rate = self.J @ self.J.T, Jdot @ self.J.T
         gram_rate += gram_rate.T
         for level in np.unique(self._levels):
