@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.rollout.recording import Evaluation, Slowdown
+from pinadapt.rollout.recording import Evaluation, Shortfall, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED
 from tests.support.loops import with_tool_and_load
 
@@ -71,7 +71,9 @@ def joint_run():
 def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, unpainted):
     rollout = make()
     slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
+    short = (Shortfall(0.03, 0.04, "contact of foot", 12.0),)
     rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)
+    rollout = replace(rollout, infeasible=short)
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
     for name in RECORDED + COMPUTED:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError, InputError
+from ..exceptions import ContactError, DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
@@ -32,7 +32,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
-from .constraint_forces import ConstraintForces
+from .constraint_forces import ConstraintForces, Missed
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
@@ -405,6 +405,7 @@ class Controller:
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
+            ContactError: a contact that stands lifted or slipped, unless there are no guards.
             InputError: another thread is using this controller.
         """
         self._reserve()
@@ -412,6 +413,7 @@ class Controller:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             if not elapsed:  # the time of the sample before
                 s.adapting = False
+            footing = self._footing(state.footing, s.stands, elapsed)
             model = self._model(state, s, elapsed)
             torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
@@ -427,6 +429,8 @@ class Controller:
                 held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
+        except ContactError:
+            raise
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
@@ -435,7 +439,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path, stands=s.stands,
+            torque_filter, path, stands=s.stands, missed=s.missed, footing=footing,
         )  # fmt: skip
 
     def safe(
@@ -501,7 +505,7 @@ class Controller:
             most = math.inf if limits is None else _SPRING * limits
             torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
             if self._forces is not None:
-                torque = self._forces.torque(sensed.q, torque, state.stands)
+                torque = self._forces.solve(sensed.q, torque, state.stands).torque
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -570,7 +574,8 @@ class Controller:
         s, command = self.command(state, measurement, desired)
         if self._forces is None:
             return np.zeros((0, 6))
-        return self._forces.of_contacts(s.q, command.torque, s.stands)
+        found = self._forces.solve(s.q, command.torque, s.stands)
+        return self._forces.of_contacts(found.forces)
 
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
@@ -595,9 +600,9 @@ class Controller:
 
         The limits of the motors hold for their torque, with the compensation that the arm adds.
 
-        While a motor saturates, the tracking error shows the missing torque as well as the errors
-        of the parameters, and would wind the estimates up. They then learn only from what holds
-        for any torque, the prediction errors.
+        While a motor or a contact is at its limit, the tracking error shows the missing torque as
+        well as the errors of the parameters, and would wind the estimates up. They then learn only
+        from what holds for any torque, the prediction errors.
 
         Where motors are declared late, and the adaptation predicts the torque, the feedforward
         that a law returns leads by that time. dV/dt is then no equality; nor is it with late
@@ -613,10 +618,33 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque, s.stands)
+            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands)
+            if s.missed.size:
+                drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
+
+    def _footing(self, before: np.ndarray, stands: np.ndarray | None, elapsed: float) -> np.ndarray:
+        """Return where contacts stand (c, 3); the constraints are those of this sample.
+
+        Raises:
+            ContactError: one has moved.
+        """
+        constraints = self.kinematics.constraints
+        if constraints is None:
+            return before
+        footing, moved = constraints.footing(before, stands, elapsed)
+        if moved.max(initial=0.0) > self.limits.slip:
+            foot = int(moved.argmax())
+            frame = self.kinematics.robot.contacts[foot].frame
+            raise ContactError(
+                f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved[foot]:.3g} mm. "
+                "Look for less friction than was declared, an obstacle, or a desired motion that "
+                "is too fast.",
+                frame=frame,
+            )
+        return footing
 
     def _led(
         self, feedforward: np.ndarray, filtered: FilteredTorque, residual: np.ndarray
@@ -669,7 +697,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands = None if feet is None else feet.stands
+        s.stands, s.missed = None if feet is None else feet.stands, Missed()
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))

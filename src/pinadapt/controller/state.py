@@ -14,10 +14,12 @@ from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
+from .constraint_forces import Missed
 from .governor import PathTime
 from .sensing import LASTS, row
 
 _NOTHING = SensedState(np.array([]), np.array([]))
+_NO_FOOTING = np.zeros((0, 3))
 
 
 class Bridged(NamedTuple):
@@ -57,6 +59,8 @@ class ControllerState(NamedTuple):
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
         stands: (c) which of a robot's point contacts stand, as last desired; None: all.
+        missed: what constraint forces could not give of the torque at the last sample.
+        footing: (c, 3) where contacts stand [m], NaN in the air; see ``Constraints.footing``.
     """
 
     t: float
@@ -71,6 +75,8 @@ class ControllerState(NamedTuple):
     path: PathTime | None = None
     start: Any = None
     stands: np.ndarray | None = None
+    missed: Missed = Missed()
+    footing: np.ndarray = _NO_FOOTING
 
     @property
     def a_d(self) -> np.ndarray:

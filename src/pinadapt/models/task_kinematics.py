@@ -88,9 +88,8 @@ class TaskKinematics(ABC):
             v: (nv) velocity.
             threshold: below which it is damped, see ``RightInverse``.
         """
-        if self.constraints is None:
-            return RightInverse(self.J, threshold)
-        return RightInverse(self.J, threshold, self.constraints.at(q, v))
+        constraints = None if self.constraints is None else self.constraints.at(q, v)
+        return RightInverse(self.J, threshold, constraints, self.task.levels)
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

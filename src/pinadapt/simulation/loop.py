@@ -15,7 +15,13 @@ from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.limits import ABSURD
 from ..controller.state import ControllerState, Sample
-from ..exceptions import DivergedError, ImplausibleError, InputError, PinadaptError
+from ..exceptions import (
+    ContactError,
+    DivergedError,
+    ImplausibleError,
+    InputError,
+    PinadaptError,
+)
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
@@ -207,6 +213,9 @@ def ended(error: Exception, t: float) -> Exception:
     """
     if isinstance(error, ImplausibleError):
         return DivergedError(f"measurement '{error.field}' {error.flaw}.", t)
+    if isinstance(error, ContactError):
+        error.time = t
+        return error
     late = isinstance(error, InputError) and t > 0.0
     if late or isinstance(error, DivergedError | np.linalg.LinAlgError):
         return DivergedError(" ".join(str(error).split()), t)
