@@ -81,7 +81,7 @@ class ConstraintForces:
         motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
         contacts = self._contacts
         if stands is not None:
-            A = np.delete(A, len(A) - 3 * len(stands) + _rows(~stands), axis=0)
+            A = A[self.constraints.holding(stands)]
             contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
@@ -118,11 +118,6 @@ class ConstraintForces:
             rows.append(np.zeros((len(own), k)))
             rows[-1][:, first:last], first = own, last
         return np.concatenate(rows)
-
-
-def _rows(points: np.ndarray) -> np.ndarray:
-    """Return the rows of those point contacts (c) that are true, three each."""
-    return np.flatnonzero(np.repeat(points, 3))
 
 
 def _pyramid(contact: Contact) -> np.ndarray:

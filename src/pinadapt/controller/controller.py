@@ -98,20 +98,15 @@ class Controller:
         self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
-        if bandwidth is not None and kinematics.constraints is not None:
-            raise InputError(
-                "learns from the prediction error of the torque, in which the forces of the "
-                "constraints are missing.",
-                where="adaptation",
-                hint='Take "natural" or "gradient".',
-            )
         if bandwidth is not None:
             motors = None
             if self.limits.actuators.late:
                 joints = self.limits.actuators.of(kinematics.robot)
                 motors = LateTorque(joints)
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
-            self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
+            self._torque_filter = FilteredRegressor(
+                dynamics, bandwidth, motors, kinematics.constraints
+            )
         self._forces = None
         squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
         if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
@@ -613,7 +608,9 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(self._lead * (feedforward - predicted / risen))
+        return np.asarray(
+            self._lead * (filtered.state.projected(feedforward) - predicted / risen)
+        )
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""
@@ -669,7 +666,7 @@ class Controller:
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(sample.tau)
-            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
+            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau, s.stands)
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
         still = resting and not (xd_d.any() or xdd_d.any())
         near = self.senses.guards.near
