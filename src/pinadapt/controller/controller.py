@@ -377,8 +377,10 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        model = self.kinematics.robot.model
+        model, constraints = self.kinematics.robot.model, self.kinematics.constraints
         M = pin.crba(model, model.createData(), q)
+        if constraints is not None:
+            M = constraints.free(q, np.zeros(len(M)))[0] @ M
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
         counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
