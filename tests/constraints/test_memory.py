@@ -48,7 +48,7 @@ def test_the_rate_of_the_projection_is_that_of_differences():
         before, after = (constraints.free(q + s * h * v, v, stands)[0] for s in (-1.0, 1.0))
         assert np.allclose(rate, (after - before) / (2.0 * h), atol=1e-6)
         A = constraints.at(q, v)[0][constraints.holding(stands)]
-        assert np.abs(A @ P).max() < 1e-12 and np.allclose(P @ P, P)
+        assert np.abs(P @ A.T).max() < 1e-12 and np.allclose(P @ P, P)
 
 
 def test_filters_begin_anew_where_a_foot_is_lifted():

@@ -72,13 +72,14 @@ class TypicalMotion:
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
         constraints = robot.constrained
-        found, still, home = [], np.zeros(model.nv), constraints.free(robot.q0, np.zeros(model.nv))
+        found, still = [], np.zeros(model.nv)
+        home = constraints.free(robot.q0, still)[0]
         for _ in range(_SAMPLES):
-            way = home[0].dot(rng.uniform(-_SPREAD, _SPREAD, model.nv))
+            way = rng.uniform(-_SPREAD, _SPREAD, model.nv).dot(home)
             q = pin.integrate(model, robot.q0, way)
             kinematics.update(kinematics.initial, q, still)
-            J, free = kinematics.J, constraints.free(q, still)[0]
-            inverse = np.linalg.pinv(J @ free, rcond=_SINGULAR)
+            J, free, A = kinematics.J, constraints.free(q, still)[0], constraints.at(q, still)[0]
+            inverse = np.linalg.pinv(np.concatenate([J, A]), rcond=_SINGULAR)[:, : len(J)]
             v, a = scale * rng.standard_normal((2, m)) @ inverse.T
             kinematics.update(kinematics.initial, q, v)
             found.append((q, v, a, J, inverse, free, kinematics.Y_p, kinematics.X_k))
@@ -103,11 +104,13 @@ class TypicalMotion:
     def unit_masses(self) -> np.ndarray:
         """W (N, n, n) with W M_hat W^T = 1, M_hat^-1/2 up to a rotation, at each state.
 
-        Under constraints it is that of the motions which they allow, its other rows are zero: with
-        W^T = P W^T and W M_hat W^T a projection, velocities W^T x have the energy x^T x / 2.
+        Under constraints it is that of the motions which they allow: W M_hat W^T is a projection,
+        and A W^T = 0.
         """
         P = self.free
-        eigenvalues, vectors = np.linalg.eigh(P @ self.mass_matrices @ P + (np.eye(P.shape[1]) - P))
+        bound = np.eye(P.shape[1]) - P
+        M = P @ self.mass_matrices @ P.swapaxes(1, 2) + bound @ bound.swapaxes(1, 2)
+        eigenvalues, vectors = np.linalg.eigh(M)
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
         return np.asarray(scaled.swapaxes(1, 2) @ P)
 
