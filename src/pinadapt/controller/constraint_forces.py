@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import optional
 from ..exceptions import DivergedError, RobotError
@@ -53,6 +54,8 @@ class ConstraintForces:
         self._limits = np.full(int(self._motors.sum()), _NONE)
         if limits is not None:
             self._limits = np.minimum(limits[self._motors], _NONE)
+        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+        self._mobilities = 1.0 / np.diag(M)
         A, _ = self.constraints.at(robot.q0, np.zeros(robot.model.nv))
         idle = A[:, ~self._motors]
         if np.linalg.matrix_rank(idle, tol=_LEAST * np.linalg.norm(idle)) < idle.shape[1]:
@@ -64,7 +67,11 @@ class ConstraintForces:
             )
 
     def torque(
-        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        wanted: np.ndarray,
+        stands: np.ndarray | None = None,
+        disturbance: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return the torques (n), zero where there is no motor, for a wanted torque (n).
 
@@ -72,6 +79,9 @@ class ConstraintForces:
             q: (nq) configuration.
             wanted: (n) torque of the law [N m or N].
             stands: (c) which contacts bear a force, points all of them; None: all.
+            disturbance: (n) what ``wanted`` is reduced by, known but for A^T f, see
+                ``Constraints.free``. f is chosen such that joints take it up by their inertias: a
+                push stays one on a heavy base, and the cones of its feet see it.
 
         Raises:
             DivergedError: the wanted torque is not finite.
@@ -83,6 +93,9 @@ class ConstraintForces:
         if stands is not None:
             A = A[self.constraints.holding(stands)]
             contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
+        if disturbance is not None:
+            H = A * self._mobilities
+            wanted = wanted + A.T @ np.linalg.solve(H @ A.T, H @ disturbance)
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
         H, g = own.T @ own + _FORCES * np.eye(k), -own.T @ asked

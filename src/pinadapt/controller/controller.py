@@ -593,7 +593,8 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque, s.stands)
+            disturbance = getattr(s.filtered, "disturbance", None)
+            torque = self._forces.torque(s.q, torque, s.stands, disturbance)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -610,9 +611,7 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(
-            self._lead * (filtered.state.projected(feedforward) - predicted / risen)
-        )
+        return np.asarray(self._lead * (filtered.state.projected(feedforward) - predicted / risen))
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""

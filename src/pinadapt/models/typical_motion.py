@@ -108,9 +108,7 @@ class TypicalMotion:
         and A W^T = 0.
         """
         P = self.free
-        bound = np.eye(P.shape[1]) - P
-        M = P @ self.mass_matrices @ P.swapaxes(1, 2) + bound @ bound.swapaxes(1, 2)
-        eigenvalues, vectors = np.linalg.eigh(M)
+        eigenvalues, vectors = np.linalg.eigh(P @ self.mass_matrices @ P + (np.eye(P.shape[1]) - P))
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
         return np.asarray(scaled.swapaxes(1, 2) @ P)
 

@@ -350,8 +350,6 @@ class Constraints:
         """Take the model of a robot, and its constraints."""
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
         self._none = self._A = np.zeros((0, model.nv))
-        M = pin.crba(self._model, self.data, pin.neutral(model))
-        self._mobilities = 1.0 / np.diag(M)
         self.places = [[frame_id(model, name) for name in part.frames] for part in self.parts]
         self._feet = [
             at[0]
@@ -386,18 +384,16 @@ class Constraints:
         return holds
 
     def free(self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None) -> Rows:
-        """Return P = I - A^T (A H A^T)^-1 A H (n, n) and dP/dt (n, n), A the rows that hold.
+        """Return P = I - A^+ A (n, n) and dP/dt (n, n), A the rows that hold.
 
-        P A^T = 0, and s^T P = s^T for all s with A s = 0: of a torque, P leaves what no constraint
-        force changes. H is diagonal, one over the inertia that each joint moves: as good as no
-        force is needed for P tau, and a push on a heavy base stays one on the base.
+        P A^T = 0: of a torque, P leaves what no constraint force changes.
         """
-        holds, H = self.holding(stands), self._mobilities
+        holds = self.holding(stands)
         A, A_rate = (rows[holds] for rows in self.at(q, v))
-        onto = np.linalg.solve((A * H) @ A.T, np.hstack([A, A_rate])) * np.tile(H, 2)
-        forces, forces_rate = np.hsplit(onto, 2)
-        P = np.eye(v.size) - A.T @ forces
-        return P, -P @ A_rate.T @ forces - A.T @ forces_rate @ P
+        inverse = np.linalg.pinv(A)
+        P = np.eye(v.size) - inverse @ A
+        turning = inverse @ A_rate @ P
+        return P, -turning - turning.T
 
     def squeezes(self, size: int) -> Rows:
         """Return rows E (c, size) and numbers e (c) of the chosen squeezes: E f = e.
