@@ -109,6 +109,21 @@ def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
     assert f[:, 0].sum() > 0.3 * f[:, 2].sum()  # as much as friction allows
 
 
+def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
+    robot = standing("a1")
+    forces, push = ConstraintForces(robot, None), np.zeros(18)
+    push[:2] = 40.0, 10.0
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    seen = robot.constrained.free(robot.q0, np.zeros(18))[0] @ push
+    truth, found = (
+        forces.torque(robot.q0, g - push),
+        forces.torque(robot.q0, g - seen, None, seen),
+    )
+    blind = forces.torque(robot.q0, g - seen)
+    off, blindly_off = (np.abs(each - truth).max() for each in (found, blind))
+    assert off < 0.3 * blindly_off
+
+
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():
     for feet in ([], FEET["a1"][:2]):
         robot = pa.load("a1", base="free", contacts=feet)
