@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import optional
 from ..exceptions import DivergedError, RobotError
@@ -83,6 +84,8 @@ class ConstraintForces:
         self._limits = np.full(int(self._motors.sum()), _NONE)
         if limits is not None:
             self._limits = np.minimum(limits[self._motors], _NONE)
+        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+        self._mobilities = 1.0 / np.diag(M)
         A, _ = self.constraints.at(robot.q0, np.zeros(robot.model.nv))
         idle = A[:, ~self._motors]
         if np.linalg.matrix_rank(idle, tol=_LEAST * np.linalg.norm(idle)) < idle.shape[1]:
@@ -94,7 +97,11 @@ class ConstraintForces:
             )
 
     def solve(
-        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        wanted: np.ndarray,
+        stands: np.ndarray | None = None,
+        disturbance: np.ndarray | None = None,
     ) -> Solution:
         """Return motor torques and constraint forces for a wanted torque (n).
 
@@ -102,6 +109,9 @@ class ConstraintForces:
             q: (nq) configuration.
             wanted: (n) torque of the law [N m or N].
             stands: (c) which contacts bear a force, points all of them; None: all.
+            disturbance: (n) what ``wanted`` is reduced by, known but for A^T f, see
+                ``Constraints.free``. f is chosen such that joints take it up by their inertias: a
+                push stays one on a heavy base, and the cones of its feet see it.
 
         Raises:
             DivergedError: the wanted torque is not finite.
@@ -109,10 +119,11 @@ class ConstraintForces:
         if not np.isfinite(wanted).all():
             raise DivergedError("the torque is no longer finite.")
         motors, every = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
-        kept = np.ones(len(every), dtype=bool)
-        if stands is not None:
-            kept[len(kept) - 3 * len(stands) :] = np.repeat(stands, 3)
+        kept = self.constraints.holding(stands)
         A = every[kept]
+        if disturbance is not None:
+            H = A * self._mobilities
+            wanted = wanted + A.T @ np.linalg.solve(H @ A.T, H @ disturbance)
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m, slack = len(A), len(idle), np.zeros(0)
         H, g = own.T @ own + _FORCES * np.eye(k), -own.T @ asked

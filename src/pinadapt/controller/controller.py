@@ -98,20 +98,15 @@ class Controller:
         self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
-        if bandwidth is not None and kinematics.constraints is not None:
-            raise InputError(
-                "learns from the prediction error of the torque, in which the forces of the "
-                "constraints are missing.",
-                where="adaptation",
-                hint='Take "natural" or "gradient".',
-            )
         if bandwidth is not None:
             motors = None
             if self.limits.actuators.late:
                 joints = self.limits.actuators.of(kinematics.robot)
                 motors = LateTorque(joints)
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
-            self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
+            self._torque_filter = FilteredRegressor(
+                dynamics, bandwidth, motors, kinematics.constraints
+            )
         self._forces = None
         squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
         if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
@@ -382,8 +377,10 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        model = self.kinematics.robot.model
+        model, constraints = self.kinematics.robot.model, self.kinematics.constraints
         M = pin.crba(model, model.createData(), q)
+        if constraints is not None:
+            M = constraints.free(q, np.zeros(len(M)))[0] @ M
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
         counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
@@ -618,7 +615,8 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands)
+            disturbance = getattr(s.filtered, "disturbance", None)
+            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands, disturbance)
             if s.missed.size:
                 drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
@@ -658,7 +656,7 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(self._lead * (feedforward - predicted / risen))
+        return np.asarray(self._lead * (filtered.state.projected(feedforward) - predicted / risen))
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""
@@ -714,7 +712,7 @@ class Controller:
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(sample.tau)
-            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
+            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau, s.stands)
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
             if self.limits.torque is not None:
                 of_model = filtered.error(s.a_0)  # which no estimate explains away

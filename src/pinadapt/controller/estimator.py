@@ -73,7 +73,11 @@ class Estimator:
         loop = controller.law.kinematic_loop()
         self._R_k = None if loop is None else loop.weight
         self._torque_filter = (
-            FilteredRegressor(controller.dynamics, bandwidth) if bandwidth is not None else None
+            None
+            if bandwidth is None
+            else FilteredRegressor(
+                controller.dynamics, bandwidth, constraints=kinematics.constraints
+            )
         )
         senses = controller.senses
         self._senses = replace(

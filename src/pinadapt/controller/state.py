@@ -118,7 +118,7 @@ class ControllerState(NamedTuple):
         memory = self.torque_filter
         if torque is None or not memory or memory.underway or np.array_equal(torque, memory.tau):
             return self
-        y = memory.y + memory.shares[1] * (torque - memory.tau)
+        y = memory.y + memory.shares[1] * memory.projected(torque - memory.tau)
         return self._replace(torque_filter=memory._replace(y=y, tau=torque))
 
     def flat(self) -> np.ndarray:

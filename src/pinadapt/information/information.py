@@ -479,7 +479,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         return None
     Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
-        free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
+        free = np.array([constraints.free(*state)[0] for state in zip(q, v, strict=True)])
         Y = free @ Y
         residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
     sums = TorqueErrors(Y, residual, tau, last)

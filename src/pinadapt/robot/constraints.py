@@ -376,10 +376,28 @@ class Constraints:
         self._A = np.concatenate(A)
         return self._A, np.concatenate(A_rate)
 
-    def free(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the projection (n, n) of torques onto what no constraint force changes."""
-        A, _ = self.at(q, v)
-        return np.asarray(np.eye(v.size) - np.linalg.pinv(A) @ A)
+    def holding(self, stands: np.ndarray | None) -> np.ndarray:
+        """Return which rows (k) of A hold: all but those of feet in the air.
+
+        ``stands`` (c) says which contacts stand, the last of the constraints, points all of them;
+        None: all.
+        """
+        holds = np.ones(sum(part.size for part in self.parts), dtype=bool)
+        if stands is not None:
+            holds[len(holds) - 3 * len(stands) :] = np.repeat(stands, 3)
+        return holds
+
+    def free(self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None) -> Rows:
+        """Return P = I - A^+ A (n, n) and dP/dt (n, n), A the rows that hold.
+
+        P A^T = 0: of a torque, P leaves what no constraint force changes.
+        """
+        holds = self.holding(stands)
+        A, A_rate = (rows[holds] for rows in self.at(q, v))
+        inverse = np.linalg.pinv(A)
+        P = np.eye(v.size) - inverse @ A
+        turning = inverse @ A_rate @ P
+        return P, -turning - turning.T
 
     def squeezes(self, size: int) -> Rows:
         """Return rows E (c, size) and numbers e (c) of the chosen squeezes: E f = e.

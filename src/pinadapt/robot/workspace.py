@@ -13,7 +13,6 @@ from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
     effort_limits,
-    frame_id,
     position_limits,
     velocity_limits,
 )
@@ -257,7 +256,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
-        if robot.contacts and not _balanced(tool, q):
+        if robot.contacts and not _balanced(tool, data, q):
             return None
         offset = np.zeros(task.size)
         offset[:m] = np.tile(position - at[0], count)
@@ -277,15 +276,17 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     return least, fastest * _STEPS / speeds
 
 
-def _balanced(robot: Robot, q: np.ndarray) -> bool:
-    """Return whether the centre of mass is well above the feet at a configuration (nq)."""
+def _balanced(robot: Robot, data: pin.Data, q: np.ndarray) -> bool:
+    """Return whether the centre of mass is well above the feet at a configuration (nq).
+
+    ``data`` is scratch.
+    """
     from scipy.optimize import nnls  # here, because few robots stand
 
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
     pin.framesForwardKinematics(model, data, q)
-    points = np.vstack(
-        [_edges(part, data.oMf[frame_id(model, part.frame)]) for part in robot.contacts]
-    )
+    places = [data.oMf[model.getFrameId(part.frame)] for part in robot.contacts]
+    points = np.vstack([_edges(*each) for each in zip(robot.contacts, places, strict=True)])
     middle = points.mean(axis=0)
     at = middle + (pin.centerOfMass(model, data, q)[:2] - middle) / _BALANCE
     _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))

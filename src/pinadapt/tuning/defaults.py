@@ -222,9 +222,13 @@ def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
-    """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
+    """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive.
+
+    Joints whose torques show no parameter count as noise: theirs are the largest, times 1e12.
+    """
     mean = mean_diagonal(adaptation, motion, motion.regressors)
-    return np.maximum(mean, 1e-12 * max(mean.max(initial=0.0), 1e-300))
+    largest = max(mean.max(initial=0.0), 1e-300)
+    return np.where(mean > 1e-12 * largest, mean, 1e12 * largest)
 
 
 def mean_diagonal(

@@ -289,6 +289,7 @@ class LinearisedJoints:
         )
         self._A, self._B, motors = (np.array(part) for part in parts)
         self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
+        self._moved, self._period = self._A, math.nan  # transitions over the last period asked for
         if actuators.elastic and actuators.encoders == "link":
             self._C = np.zeros(motors.shape)
             self._C[:, :, -2 * n : -n] = np.eye(n)
@@ -330,11 +331,13 @@ class LinearisedJoints:
         from scipy.linalg import expm  # here, because scipy is slow to import
 
         N, n, k = self._C.shape
-        system = np.zeros((N, k + 2 * n, k + 2 * n))
-        system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
-        system[:, :k, k + n :] = self._B
-        moved = expm(dt * system)
-        return moved[:, : k + n, : k + n], moved[:, : k + n, k + n :]
+        if dt != self._period:
+            system = np.zeros((N, k + 2 * n, k + 2 * n))
+            system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
+            system[:, :k, k + n :] = self._B
+            self._moved, self._period = expm(dt * system), dt
+        moved = self._moved[:, : k + n]
+        return moved[..., : k + n], moved[..., k + n :]
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
         """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""

@@ -20,7 +20,9 @@ from ..adaptation.natural import (
 from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError
 from ..laws.law import Law
+from ..models.bodies import ALL, chosen_bodies
 from ..models.dynamics import Dynamics
+from ..models.joint_effects import JointEffects
 from ..models.linear_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
@@ -316,10 +318,10 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
 
 def explains_all(motion: TypicalMotion) -> bool:
     """Return whether all bodies and the friction of all joints are among the parameters."""
-    joints = motion.robot.joint_names
-    friction = {f"{name}.{kind}" for name in joints for kind in ("viscous", "coulomb")}
-    dynamics = motion.dynamics
-    return friction.issubset(dynamics.names) and len(dynamics.bodies) == len(joints)
+    kinds, dynamics = ("viscous", "coulomb"), motion.dynamics
+    friction = set(JointEffects(motion.robot, kinds).names)
+    whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
+    return friction.issubset(dynamics.names) and whole
 
 
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
@@ -328,9 +330,9 @@ def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> 
     These have the standard deviation ``a`` [rad/s^2 or m/s^2].
     """
     regressor, rest, changes = motion.dynamics.regressor, np.zeros(motion.robot.model.nv), []
-    for q in motion.states.q:
+    for q, free in zip(motion.states.q, motion.free, strict=True):
         still = np.array(regressor(q, rest, rest))
-        changes += [regressor(q, rest, e) - still for e in np.eye(rest.size)]
+        changes += [free @ (regressor(q, rest, e) - still) for e in np.eye(rest.size)]
     return np.asarray(a**2 * rest.size * mean_diagonal(adaptation, motion, changes))
 
 
