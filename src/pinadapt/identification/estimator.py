@@ -1,0 +1,589 @@
+"""Estimates of a robot and its load beside any program that moves it, one sample at a time.
+
+The equations are those of ``identify``: the motion averaged over overlapping windows phi, with the
+momentum Y_M a + p_0 integrated by parts,
+
+    int phi N (tau - tau_0 - Y_0 a) dt = - int (phi N)' (Y_M a + p_0) dt,
+
+N the projection onto what no constraint force changes, one for a chain. Every window that agrees
+with what was learned adds its products W^T W to those of its joint, so that noise and estimate
+follow from all motion as they do offline, whenever they are asked for. Joints have all coefficients
+of ``Friction``, near those of the description.
+
+A window that disagrees is put aside. If those after it agree again it was a push; if all of them
+agree with another load, that is the load. A load is ten parameters of its own in the axes of the
+last body; products of windows with an earlier one are kept with it eliminated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from .._checks import flag, instance, positive
+from ..description.floating_base import BASE_JOINTS
+from ..exceptions import ImplausibleError, InputError, MeasurementError
+from ..information.information import rms
+from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
+from ..information.payload import USUAL, PayloadEstimate, of_load
+from ..models.bodies import chosen_bodies
+from ..models.joint_effects import KINDS
+from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
+from ..models.regressor import PER_BODY
+from ..records import Measurement
+from ..robot.changes import Payload
+from ..robot.robot import Robot
+from ..tuning.unknowns import Unknown, nominal_dynamics
+from .fits import FREE, LIGHT, WEIGHT, lasting_noise
+
+FADING = 0.1  # [rad/s or m/s] of friction near rest
+# Windows: of a load before it is believed, longer than a push of half a second; of a comparison.
+_LOADED, _EVERY, _RECENT = 12, 8, 150
+_LIMIT = 3.0  # deviations
+_LEVELS = 0.05, 1e-4  # shares of a torque: its noise at first, and the least
+
+
+class Window(NamedTuple):
+    """An average of the equations: W a = y.
+
+    Attributes:
+        t: time of its middle [s].
+        W: (n, c) regressor.
+        y: (n) torque without its known part [N m or N].
+        tau: (n) torque [N m or N].
+    """
+
+    t: float
+    W: np.ndarray
+    y: np.ndarray
+    tau: np.ndarray
+
+
+class _Rows(NamedTuple):
+    """The equations at a sample; columns are those of the parameters, tau less y, tau and |v|.
+
+    Attributes:
+        t: time [s].
+        before: of the sample before [s].
+        N: (n, n) projections at the sample before, and at this one.
+        M: (n, c + 3) momentum.
+        F: (n, c + 3) all else.
+    """
+
+    t: float
+    before: float
+    N: tuple[np.ndarray, np.ndarray] | None
+    M: np.ndarray
+    F: np.ndarray
+
+
+class _Belief(NamedTuple):
+    """What new windows are compared with.
+
+    Attributes:
+        a: (p) parameters.
+        root: (p, p) L of their covariance L L^T.
+        noise: (n) of the torque of a window [N m or N].
+        lasting: (n) factors of the noise of windows, as if they were independent.
+    """
+
+    a: np.ndarray
+    root: np.ndarray
+    noise: np.ndarray
+    lasting: np.ndarray
+
+
+class EstimatorState(NamedTuple):
+    """All that an ``Estimator`` remembers; its arrays are never written.
+
+    Attributes:
+        begin: of the oldest open window [s].
+        sums: (3, n, c + 3) over the open windows, the oldest first.
+        last: equations at the last sample.
+        products: (n, c + 1, c + 1) of the windows with the present load, one for each joint.
+        past: (p - 9, p - 9) of all windows with other loads, in units of their noise.
+        level: (n) sum of the squared torques of accepted windows.
+        left: (n) sum of the squared residuals of windows with other loads.
+        counts: windows accepted, those of them with the present load, and refused since the last
+            one was accepted.
+        recent: the last accepted windows.
+        aside: windows that disagree.
+        belief: what windows are compared with; None at first.
+        load: (10) centre of what may be carried; None: surely nothing.
+    """
+
+    begin: float
+    sums: np.ndarray
+    last: _Rows
+    products: np.ndarray
+    past: np.ndarray
+    level: np.ndarray
+    left: np.ndarray
+    counts: tuple[int, int, int]
+    recent: tuple[Window, ...]
+    aside: tuple[Window, ...]
+    belief: _Belief | None
+    load: np.ndarray | None
+
+    @property
+    def t(self) -> float:
+        """Time of the last sample [s]."""
+        return self.last.t
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What was learned until a sample.
+
+    Attributes:
+        robot: with all that was learned, the load included.
+        load: on the last body, in the axes of the task frame; None: surely nothing.
+        names: of the parameters (p).
+        a: (p) bodies without the load, the ten parameters of the load, coefficients of the joints.
+        deviations: (p) of them.
+        noise: (n) of the torque of a window, what friction's model leaves included [N m or N].
+        advice: what would tell more; empty: nothing would tell much.
+    """
+
+    robot: Robot
+    load: PayloadEstimate | None
+    names: tuple[str, ...]
+    a: np.ndarray
+    deviations: np.ndarray
+    noise: np.ndarray
+    advice: str
+
+    @property
+    def model(self) -> pin.Model:
+        """The robot's Pinocchio model."""
+        return self.robot.model
+
+    def save(self, path: Path | str) -> None:
+        """Write the robot as URDF or MJCF, see ``Robot.save``.
+
+        Raises:
+            ParameterError: as there.
+        """
+        self.robot.save(path)
+
+    def write(self, model: Any) -> None:
+        """Write bodies, rotors and friction into a MuJoCo model of the same joints, in place.
+
+        What is welded to a body in it loses its mass, as the body contains it.
+
+        Raises:
+            InputError: the model lacks a joint.
+        """
+        import mujoco  # here, because it is an extra
+
+        own = mujoco.MjData(model)
+        own.qpos[:] = model.qpos0
+        mujoco.mj_kinematics(model, own)
+        write_bodies(self.robot, model, own)
+
+    def __str__(self) -> str:
+        """Return the load and the advice."""
+        load, words = self.load, "no load"
+        if load is not None:
+            centre = ", ".join(
+                f"{1e3 * c:.0f} +- {1e3 * d:.0f}"
+                for c, d in zip(load.com, load.com_known_to, strict=True)
+            )
+            words = f"load {load.mass:.3f} +- {load.mass_known_to:.2g} kg at ({centre}) mm"
+        noise = ", ".join(f"{part:.2g}" for part in self.noise)
+        return f"{words}; torques to {noise} N m{self.advice and f'; {self.advice}'}"
+
+
+class Estimator:
+    """Bodies, load and friction of a robot from q, v and tau, whatever moves it.
+
+    ``init`` and ``step`` are pure. Windows in which nothing moves are not read, as friction then
+    hides the torque; after a gap between samples windows begin anew.
+
+    M. Shinbrot, *On the analysis of linear and nonlinear systems*, Trans. ASME 79 (1957) 547-552.
+
+    Attributes:
+        robot: as described.
+        names: of the parameters (p).
+        length: of a window [s].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        unknown: Unknown | str | Sequence[str] | None = None,
+        *,
+        period: float = 1e-3,
+        held: bool = True,
+    ) -> None:
+        """Choose what is estimated.
+
+        Args:
+            robot: as described, a chain, a tree or a robot with constraints.
+            unknown: "bodies" (the default) or "payload", as ``Unknown`` has it. With either the
+                load is unknown, and friction unless ``Unknown`` states it.
+            period: typical time between samples [s].
+            held: whether tau is the mean since the last sample; else it is that of the instant.
+
+        Raises:
+            InputError: words that cannot be used, or parameters that are not of bodies.
+        """
+        self.robot = instance(robot, Robot, "robot").undrawn()
+        self.length = max(LENGTH, FEWEST * positive(period, "period"))
+        self._held, given = flag(held, "held"), Unknown.of(unknown)
+        carrier, free = robot.carriers[0], chosen_bodies(robot, given.bodies)
+        payload_alone = free == [carrier] and given.bodies == "payload"
+        joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
+        names = [robot.joint_names[body] for body in sorted({*free, carrier})]
+        chosen = replace(given.with_joints(), bodies=names, tool=False)
+        self._near_rest = list[int]()
+        if given.friction is None:
+            words = [f"{name}.{kind}" for name in joints for kind in KINDS]
+            chosen = replace(chosen, friction=False, armature=False, effects=words)
+            self._near_rest = [robot.joint_names.index(name) for name in joints]
+            friction = replace(robot.friction, fading=np.full(robot.model.nv, FADING))
+            self.robot = replace(self.robot, friction=friction)
+        self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
+        own = physical_set(dynamics, self.robot)
+        size, body = dynamics.inertial.size, sorted({*free, carrier}).index(carrier)
+        self._own = slice(PER_BODY * body, PER_BODY * (body + 1))
+        self._columns = dynamics.size + len(self._near_rest)
+        kept = [i for i in range(self._columns) if not payload_alone or i not in range(*self._own.indices(size))]
+        first = len(kept) - (self._columns - size)
+        self._load = slice(first, first + PER_BODY)
+        near = [f"{robot.joint_names[j]}.near_rest" for j in self._near_rest]
+        of_columns = [*dynamics.names, *near]
+        listed = [of_columns[i] for i in kept]
+        self.names = (*listed[:first], *(f"load.{of_columns[i].rpartition('.')[2]}" for i in range(*self._own.indices(size))), *listed[first:])
+        p = len(kept) + PER_BODY
+        # [W y] B are the equations in the parameters
+        self._rest = np.delete(np.arange(p + 1), self._load)
+        self._B = np.zeros((self._columns + 1, p + 1))
+        self._B[[*kept, -1], self._rest] = 1.0
+        if payload_alone:
+            self._B[self._own, -1] = -dynamics.initial[self._own]
+        typical = dynamics.typical[[dynamics.names.index(f"{robot.joint_names[j]}.coulomb") for j in self._near_rest]]
+        ball = pin.Inertia.FromSphere(USUAL * robot.mass, USUAL * robot.reach)
+        placement = robot.model.frames[robot.frame_id].placement
+        self._usual = placement.act(ball).toDynamicParameters()
+        center = np.append(own.center, np.zeros(len(near)))[kept]
+        bodies = first // PER_BODY
+        self._physical = PhysicalSet(
+            bodies + 1,
+            np.insert(center, first, self._usual),
+            np.array([LIGHT]),
+            np.append(np.ones(bodies), FREE),
+            np.append(own.scales, typical),
+        )
+        moving = np.isin(robot.joint_names, joints)
+        self._still = np.where(moving, robot.friction.threshold, np.inf)
+
+    def init(self, measurement: Measurement, payload: Payload | None = None) -> EstimatorState:
+        """Return the state at the first sample.
+
+        Args:
+            measurement: with q, v and tau.
+            payload: what is carried, see ``announce``; None: unknown.
+
+        Raises:
+            MeasurementError: a signal is missing, of the wrong size, or not finite.
+            RobotError: an impossible load.
+        """
+        first = self._rows(measurement, None)
+        state = EstimatorState(
+            begin=first.t,
+            sums=np.zeros((OVERLAP, *first.M.shape)),
+            last=first,
+            load=self._usual,
+            **self._nothing,
+        )
+        return state if payload is None else self.announce(state, payload)
+
+    @property
+    def _nothing(self) -> dict[str, Any]:
+        """What a state has learned at first."""
+        n, c, p = self.robot.model.nv, self._columns + 1, len(self._rest)
+        return {
+            "products": np.zeros((n, c, c)),
+            "past": np.zeros((p, p)),
+            "level": np.zeros(n),
+            "left": np.zeros(n),
+            "counts": (0, 0, 0),
+            "recent": (),
+            "aside": (),
+            "belief": None,
+        }
+
+    def announce(self, state: EstimatorState, payload: Payload | None) -> EstimatorState:
+        """Return the state after another load was taken up, as a tool changer tells.
+
+        Args:
+            state: before.
+            payload: that is carried now, which is then estimated from there, in the axes of the
+                task frame; without mass: surely nothing; None: it is unknown.
+
+        Raises:
+            RobotError: an impossible load.
+        """
+        load: np.ndarray | None = self._usual
+        if payload is not None:
+            placement = self.robot.model.frames[self.robot.frame_id].placement
+            load = placement.act(payload.spatial_inertia()).toDynamicParameters()
+            load = load if payload.present else None
+        return self._changed(state, load)
+
+    def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
+        """Return the state after a sample.
+
+        Raises:
+            MeasurementError: a signal is missing, of the wrong size, or not finite.
+            ImplausibleError: the time is not after the last one's.
+        """
+        last = state.last
+        now = self._rows(measurement, last)
+        elapsed = now.t - last.t
+        if elapsed > 2.0 * self.length / FEWEST:
+            return state._replace(begin=now.t, sums=0.0 * state.sums, last=now._replace(before=now.t))
+        # the last sample is complete, as the time until the next one is known
+        middles = state.begin + self.length * (0.5 + np.arange(OVERLAP) / OVERLAP)
+        phi, rate = bump(last.t - middles, self.length)
+        share = 0.5 * (now.t - last.before)
+        M, F = last.M, share * last.F
+        if now.N is not None and last.N is not None:
+            speed = F[:, -1]
+            F = last.N[1] @ F - 0.5 * (now.N[1] - last.N[0]) @ M
+            M, F[:, -1] = last.N[1] @ M, speed
+        if self._held:
+            F[:, -2] = 0.0
+        sums = state.sums + phi[:, None, None] * F - (share * rate)[:, None, None] * M
+        if self._held:
+            between = bump(0.5 * (last.t + now.t) - middles, self.length)[0] * elapsed
+            tau = now.F[:, -2] if now.N is None else 0.5 * (now.N[0] + now.N[1]) @ now.F[:, -2]
+            sums[:, :, -2] += between[:, None] * tau
+        state = state._replace(sums=sums, last=now)
+        if last.t < state.begin + self.length:
+            return state
+        W, known, tau, speed = np.split(sums[0], [self._columns, -2, -1], axis=1)
+        found = Window(float(middles[0]), W, (tau - known)[:, 0], tau[:, 0])
+        state = state._replace(
+            begin=state.begin + self.length / OVERLAP,
+            sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
+        )
+        moved = (speed[:, 0] > self._still).any()
+        return self._judged(state, found) if moved else state
+
+    def _rows(self, measurement: Measurement, last: _Rows | None) -> _Rows:
+        """Return the equations at a sample."""
+        robot, n = self.robot, self.robot.model.nv
+        instance(measurement, Measurement, "measurement")
+        t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
+        for name, value, size in (("q", q, robot.model.nq), ("v", v, n), ("tau", tau, n)):
+            if value is None or np.shape(value) != (size,) or not np.isfinite(value).all():
+                raise MeasurementError(name, value, f"must be {size} finite numbers")
+        if not np.isfinite(t) or (last is not None and t <= last.t):
+            raise ImplausibleError("t", t, "is not after that of the last sample")
+        q, v, tau = (np.asarray(part, dtype=float) for part in (q, v, tau))
+        Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
+        M, F = np.zeros((2, n, self._columns + 3))
+        size = self.dynamics.size
+        M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
+        F[:, -2], F[:, -1] = tau, np.abs(v)
+        for column, j in enumerate(self._near_rest, size):
+            sign = np.tanh(v[j] / robot.friction.threshold[j])
+            F[j, column] = sign * np.exp(-abs(v[j]) / FADING)
+        N = None
+        if robot.constraints:
+            free = robot.constrained.free(q, v)
+            N = (free if last is None or last.N is None else last.N[1], free)
+        return _Rows(float(t), float(t) if last is None else last.t, N, M, F)
+
+    def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
+        """Return the state after a window, accepted or put aside."""
+        belief = state.belief
+        if belief is None or (not state.aside and self._agree(state, [found], belief)):
+            return self._accepted(state, [found])
+        total, present, refused = state.counts
+        aside = (*state.aside, found)
+        state = state._replace(aside=aside[-_LOADED:], counts=(total, present, refused + 1))
+        latest = list(aside[-OVERLAP:])
+        if len(aside) > OVERLAP and self._agree(state, latest, belief):  # it was a push
+            return self._accepted(state._replace(aside=()), latest)
+        later = aside[OVERLAP:]
+        if len(aside) >= _LOADED:
+            other = self._changed(state, self._usual)
+            if other.belief is not None and self._agree(other, later, other.belief):
+                return self._accepted(other, later)
+        if refused >= total:  # what was learned is contradicted for longer than it was supported
+            nothing = self._nothing
+            return self._accepted(state._replace(**nothing), later)
+        return state
+
+    def _accepted(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
+        """Return the state that learned from windows."""
+        products, level = state.products, state.level
+        for one in windows:
+            rows = np.column_stack([one.W, one.y])
+            products = products + rows[:, :, None] * rows[:, None, :]
+            level = level + one.tau**2
+        total, present, _ = state.counts
+        state = state._replace(
+            products=products,
+            level=level,
+            counts=(total + len(windows), present + len(windows), 0),
+            recent=(*state.recent, *windows)[-_RECENT:],
+        )
+        new = len(windows) > 1 or state.counts[0] % _EVERY == 0
+        return state._replace(belief=self._believed(state)) if new else state
+
+    def _changed(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
+        """Return the state with another load, of which nothing but its prior is known."""
+        past, left = state.past, state.left
+        if state.counts[1]:
+            belief = state.belief or self._believed(state)
+            M = self._equations(state, belief.noise * belief.lasting)
+            at, T = self._load, self._prior(state).local(self._prior(state).center)[0]
+            inverse = np.linalg.inv(T[at, at])
+            known = np.column_stack([inverse, inverse @ self._prior(state).center[at]])
+            own = np.r_[at, len(M) - 1]
+            M[np.ix_(own, own)] += known.T @ known
+            inner = M[at, at]
+            cross = M[at][:, self._rest]
+            past = M[np.ix_(self._rest, self._rest)] - cross.T @ np.linalg.solve(inner, cross)
+            left = left + self._squares(state, belief.a)
+        state = state._replace(
+            products=0.0 * state.products,
+            past=past,
+            left=left,
+            counts=(state.counts[0], 0, 0),
+            recent=(),
+            aside=(),
+            load=load,
+        )
+        return state._replace(belief=self._believed(state)) if state.belief else state
+
+    def _map(self, load: np.ndarray | None) -> np.ndarray:
+        """Return B: [W y] B are the equations in the parameters."""
+        if load is None:
+            return self._B
+        B = self._B.copy()
+        B[self._own, self._load] = np.eye(PER_BODY)
+        return B
+
+    def _prior(self, state: EstimatorState) -> PhysicalSet:
+        """Return the physical parameters around the description and a load."""
+        center = self._physical.center.copy()
+        if state.load is not None:
+            center[self._load] = state.load
+        return replace(self._physical, center=center)
+
+    def _equations(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
+        """Return the products (p + 1, p + 1) of all equations, the last column being y."""
+        B = self._map(state.load)
+        M = B.T @ np.tensordot(noise**-2.0, state.products, axes=1) @ B
+        M[np.ix_(self._rest, self._rest)] += state.past
+        return M
+
+    def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
+        """Return the sum (n) of the squared residuals of windows with the present load."""
+        w = self._map(state.load) @ np.append(-a, 1.0)
+        return np.maximum(state.products @ w @ w, 0.0)
+
+    def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
+        """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
+        count = max(state.counts[0], 1)
+        first, least = np.outer(_LEVELS, np.sqrt(state.level / count) + np.finfo(float).tiny)
+        squares = state.left + self._squares(state, a) + OVERLAP * first**2
+        free = max(count - fitted / len(first), 0.0) + OVERLAP
+        return np.maximum(np.sqrt(squares / free), least)
+
+    def _lasting(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
+        """Return the factors (n) of the noise of windows that are not independent."""
+        if len(state.recent) < _EVERY:
+            return np.full(len(state.level), np.sqrt(OVERLAP))
+        B = self._map(state.load) @ np.append(-a, 1.0)
+        left = np.array([one.W @ B[:-1] + one.y for one in state.recent])
+        return lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
+
+    def _believed(self, state: EstimatorState) -> _Belief:
+        """Return the estimate of least squares near the description, with its covariance."""
+        physical, before = self._prior(state), state.belief
+        center = physical.center
+        T, _ = physical.local(center)
+        a, fitted, inverse = center if before is None else before.a, 0.0, T
+        for _ in range(2):
+            noise = self._noise(state, a, fitted)
+            M = self._equations(state, noise)
+            inverse = _inverse(M[:-1, :-1], T)
+            a = center + inverse @ (inverse.T @ (M[:-1, -1] - M[:-1, :-1] @ center))
+            fitted = len(a) - float(np.sum(np.linalg.solve(T, inverse) ** 2))
+        noise, lasting = self._noise(state, a, fitted), self._lasting(state, a)
+        M = self._equations(state, noise * lasting)
+        return _Belief(a, _inverse(M[:-1, :-1], T), noise, lasting)
+
+    def _agree(self, state: EstimatorState, windows: Sequence[Window], belief: _Belief) -> bool:
+        """Return whether windows are what was believed, within what was known."""
+        B, noise = self._map(state.load), belief.noise * belief.lasting
+        W = np.concatenate([one.W / noise[:, None] for one in windows])
+        y = np.concatenate([one.y / noise for one in windows])
+        r = y + W @ (B[:-1] @ np.append(-belief.a, 1.0))
+        A = W @ B[:-1, :-1] @ belief.root
+        return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
+
+    def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
+        """Return what was learned: the physical least-squares estimate, as of ``identify``.
+
+        Args:
+            state: at any sample.
+            near: an earlier estimate, which saves time.
+        """
+        physical, a = self._prior(state), None if near is None else near.a
+        noise = self._noise(state, physical.center if a is None else a, 0.0)
+        if a is None and state.belief is not None:
+            noise = state.belief.noise
+        for _ in range(3):
+            a = physical_fit(*_rows(self._equations(state, noise)), physical, gamma=WEIGHT, near=a)
+            noise = self._noise(state, a, 0.0)
+        T, _ = physical.local(a)
+        M = self._equations(state, noise * self._lasting(state, a))
+        root = _inverse(M[:-1, :-1], T)
+        load = None
+        if state.load is not None:
+            value, gradient = of_load(self.robot, a[self._load])
+            deviation = np.linalg.norm(gradient @ root[self._load], axis=1)
+            load = PayloadEstimate.of(value, deviation)
+        deviations = np.linalg.norm(root, axis=1)
+        return Estimate(
+            self._robot(state, a), load, self.names, a, deviations, noise, self._advice(state, root, noise)
+        )
+
+    def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
+        """Return the robot with parameters (p) and the load."""
+        w = self._map(state.load) @ np.append(a, -1.0)
+        size = self.dynamics.size
+        robot = self.dynamics.robot(w[:size], self.robot)
+        friction, breakaway = robot.friction, robot.friction.breakaway.copy()
+        for j, more in zip(self._near_rest, w[size:-1], strict=True):
+            breakaway[j] = max(1.0 + more / friction.coulomb[j], 0.0)
+        return replace(robot, friction=replace(friction, breakaway=breakaway), loads=(), drawn=None)
+
+    def _advice(self, state: EstimatorState, root: np.ndarray, noise: np.ndarray) -> str:
+        """Return which joint to move, if that told more of the load than a window's noise hides."""
+        return ""
+
+
+def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return L (p, p) with L L^T the inverse of H + T^-T T^-1."""
+    return T @ np.linalg.inv(np.linalg.cholesky(T.T @ H @ T + WEIGHT * np.eye(len(T)))).T
+
+
+def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and b with the products M = [A b]^T [A b]."""
+    size = np.sqrt(np.diagonal(M)) + np.finfo(float).tiny
+    values, vectors = np.linalg.eigh(M / size / size[:, None])
+    rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size
+    return rows[:, :-1], rows[:, -1]
