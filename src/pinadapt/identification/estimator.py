@@ -236,6 +236,8 @@ class Estimator:
         self.robot = instance(robot, Robot, "robot").undrawn()
         self.length = max(LENGTH, FEWEST * positive(period, "period"))
         self._held, given = flag(held, "held"), Unknown.of(unknown)
+        if not isinstance(unknown, Unknown):
+            given = replace(given, friction=None, armature=None)
         carrier, free = robot.carriers[0], chosen_bodies(robot, given.bodies)
         payload_alone = free == [carrier] and given.bodies == "payload"
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
