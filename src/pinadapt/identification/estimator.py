@@ -33,18 +33,21 @@ from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import USUAL, PayloadEstimate, of_load
 from ..models.bodies import chosen_bodies
 from ..models.joint_effects import KINDS
-from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
-from ..models.regressor import PER_BODY
+from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
+from ..models.regressor import LABELS, PER_BODY
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import FREE, LIGHT, WEIGHT, lasting_noise
 
+_SMOOTH = 0.05  # [s] before and after a sample
 FADING = 0.1  # [rad/s or m/s] of friction near rest
 # Windows: of a load before it is believed, longer than a push of half a second; of a comparison.
 _LOADED, _EVERY, _RECENT = 12, 8, 150
 _LIMIT = 3.0  # deviations
+_ROUNDS = 4
+_DRY = "coulomb", "gear_friction", "asymmetry"
 _LEVELS = 0.05, 1e-4  # shares of a torque: its noise at first, and the least
 
 
@@ -102,11 +105,12 @@ class EstimatorState(NamedTuple):
     """All that an ``Estimator`` remembers; its arrays are never written.
 
     Attributes:
+        samples: the last ones, as many as positions are smoothed over.
         begin: of the oldest open window [s].
         sums: (3, n, c + 3) over the open windows, the oldest first.
-        last: equations at the last sample.
-        products: (n, c + 1, c + 1) of the windows with the present load, one for each joint.
-        past: (p - 9, p - 9) of all windows with other loads, in units of their noise.
+        last: equations at the last sample, or the middle one; None: windows begin anew.
+        products: of the windows with the present load, one for each joint, of its columns.
+        past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
         left: (n) sum of the squared residuals of windows with other loads.
         counts: windows accepted, those of them with the present load, and refused since the last
@@ -117,10 +121,11 @@ class EstimatorState(NamedTuple):
         load: (10) centre of what may be carried; None: surely nothing.
     """
 
+    samples: tuple[Measurement, ...]
     begin: float
     sums: np.ndarray
-    last: _Rows
-    products: np.ndarray
+    last: _Rows | None
+    products: tuple[np.ndarray, ...]
     past: np.ndarray
     level: np.ndarray
     left: np.ndarray
@@ -133,7 +138,7 @@ class EstimatorState(NamedTuple):
     @property
     def t(self) -> float:
         """Time of the last sample [s]."""
-        return self.last.t
+        return self.samples[-1].t
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +225,7 @@ class Estimator:
         *,
         period: float = 1e-3,
         held: bool = True,
+        smooth: bool = False,
     ) -> None:
         """Choose what is estimated.
 
@@ -229,6 +235,8 @@ class Estimator:
                 load is unknown, and friction unless ``Unknown`` states it.
             period: typical time between samples [s].
             held: whether tau is the mean since the last sample; else it is that of the instant.
+            smooth: whether positions are smoothed over 0.1 s, and velocities are theirs: for noisy
+                or missing v. Estimates are then 0.05 s late.
 
         Raises:
             InputError: words that cannot be used, or parameters that are not of bodies.
@@ -243,46 +251,74 @@ class Estimator:
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*free, carrier})]
         chosen = replace(given.with_joints(), bodies=names, tool=False)
-        self._near_rest = list[int]()
+        near = list[int]()
         if given.friction is None:
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
-            self._near_rest = [robot.joint_names.index(name) for name in joints]
-            friction = replace(robot.friction, fading=np.full(robot.model.nv, FADING))
+            near = [robot.joint_names.index(name) for name in joints]
+            friction = replace(robot.friction, breakaway=1.0, fading=FADING).of(robot.model)
             self.robot = replace(self.robot, friction=friction)
+        self._near = near
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
-        own = physical_set(dynamics, self.robot)
-        size, body = dynamics.inertial.size, sorted({*free, carrier}).index(carrier)
-        self._own = slice(PER_BODY * body, PER_BODY * (body + 1))
-        self._columns = dynamics.size + len(self._near_rest)
-        kept = [i for i in range(self._columns) if not payload_alone or i not in range(*self._own.indices(size))]
-        first = len(kept) - (self._columns - size)
+        own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
+        first = PER_BODY * names.index(robot.joint_names[carrier])
+        self._own = slice(first, first + PER_BODY)
+        at = dynamics.names.index
+        self._dry = np.array(
+            [[at(f"{robot.joint_names[j]}.{kind}") for kind in _DRY] for j in near], dtype=int
+        ).reshape(-1, len(_DRY))
+        self._columns = dynamics.size + self._dry.size
+        # parameters: bodies, the load, coefficients of the joints, their friction near rest
+        known = range(*self._own.indices(size)) if payload_alone else ()
+        kept = [i for i in range(dynamics.size) if i not in known]
+        first = size - len(known)
         self._load = slice(first, first + PER_BODY)
-        near = [f"{robot.joint_names[j]}.near_rest" for j in self._near_rest]
-        of_columns = [*dynamics.names, *near]
-        listed = [of_columns[i] for i in kept]
-        self.names = (*listed[:first], *(f"load.{of_columns[i].rpartition('.')[2]}" for i in range(*self._own.indices(size))), *listed[first:])
-        p = len(kept) + PER_BODY
-        # [W y] B are the equations in the parameters
-        self._rest = np.delete(np.arange(p + 1), self._load)
+        labels = [f"load.{label}" for label in LABELS]
+        listed = [dynamics.names[i] for i in kept]
+        breakaways = [f"{robot.joint_names[j]}.breakaway" for j in near]
+        self.names = (*listed[:first], *labels, *listed[first:], *breakaways)
+        p = len(self.names)
+        # [W y] B are the equations in the parameters, those of the load aside
         self._B = np.zeros((self._columns + 1, p + 1))
-        self._B[[*kept, -1], self._rest] = 1.0
+        rest = np.delete(np.arange(p - len(near)), self._load)
+        self._B[kept, rest] = 1.0
+        self._B[-1, -1] = 1.0
         if payload_alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
-        typical = dynamics.typical[[dynamics.names.index(f"{robot.joint_names[j]}.coulomb") for j in self._near_rest]]
         ball = pin.Inertia.FromSphere(USUAL * robot.mass, USUAL * robot.reach)
         placement = robot.model.frames[robot.frame_id].placement
         self._usual = placement.act(ball).toDynamicParameters()
-        center = np.append(own.center, np.zeros(len(near)))[kept]
+        center = np.insert(own.center[kept], first, self._usual)
+        # the share of a gear may be typical; any dry or viscous friction is likely
+        shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]
+        weights = np.where(shares, dynamics.initial[size:] / dynamics.typical[size:], LIGHT)
+        weights = weights[: len(weights) - len(own.scales)]
         bodies = first // PER_BODY
         self._physical = PhysicalSet(
             bodies + 1,
-            np.insert(center, first, self._usual),
-            np.array([LIGHT]),
+            np.append(center, np.zeros(len(near))),
+            weights,
             np.append(np.ones(bodies), FREE),
-            np.append(own.scales, typical),
+            np.append(own.scales, np.ones(len(near))),
         )
+        # which columns the equation of a joint has: all under constraints, else its own and bodies
+        common = np.arange(size)
+        self._places = [np.arange(self._columns + 1)] * robot.model.nv
+        if not robot.constraints and near:
+            self._places = [
+                np.concatenate(
+                    [
+                        common,
+                        [at(f"{name}.{kind}") for kind in KINDS],
+                        dynamics.size + len(_DRY) * j + np.arange(len(_DRY)),
+                        [self._columns],
+                    ]
+                ).astype(int)
+                for j, name in enumerate(robot.joint_names)
+            ]
         moving = np.isin(robot.joint_names, joints)
+        count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
+        self._count = 2 * count + 1
         self._still = np.where(moving, robot.friction.threshold, np.inf)
 
     def init(self, measurement: Measurement, payload: Payload | None = None) -> EstimatorState:
@@ -296,23 +332,19 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
             RobotError: an impossible load.
         """
-        first = self._rows(measurement, None)
-        state = EstimatorState(
-            begin=first.t,
-            sums=np.zeros((OVERLAP, *first.M.shape)),
-            last=first,
-            load=self._usual,
-            **self._nothing,
-        )
+        sums = np.zeros((OVERLAP, self.robot.model.nv, self._columns + 3))
+        first = self._checked(measurement)
+        nothing = EstimatorState((), first.t, sums, None, load=self._usual, **self._nothing)
+        state = self._with(nothing, first)
         return state if payload is None else self.announce(state, payload)
 
     @property
     def _nothing(self) -> dict[str, Any]:
         """What a state has learned at first."""
-        n, c, p = self.robot.model.nv, self._columns + 1, len(self._rest)
+        n, c = self.robot.model.nv, self._columns + 1
         return {
-            "products": np.zeros((n, c, c)),
-            "past": np.zeros((p, p)),
+            "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
+            "past": np.zeros((c, c)),
             "level": np.zeros(n),
             "left": np.zeros(n),
             "counts": (0, 0, 0),
@@ -346,11 +378,23 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
             ImplausibleError: the time is not after the last one's.
         """
-        last = state.last
-        now = self._rows(measurement, last)
+        now = self._checked(measurement)
+        if now.t <= state.t:
+            raise ImplausibleError("t", now.t, f"is not after the last sample's, {state.t:g} s")
+        if now.t - state.t > 2.0 * self.length / FEWEST:
+            state = state._replace(samples=(), last=None)
+        return self._with(state, now)
+
+    def _with(self, state: EstimatorState, sample: Measurement) -> EstimatorState:
+        """Return the state after a sample that was checked."""
+        samples, last = (*state.samples, sample)[-self._count :], state.last
+        state = state._replace(samples=samples)
+        if len(samples) < self._count:
+            return state
+        now = self._rows(samples[0] if self._count == 1 else self._smoothed(samples), last)
+        if last is None:
+            return state._replace(begin=now.t, sums=0.0 * state.sums, last=now)
         elapsed = now.t - last.t
-        if elapsed > 2.0 * self.length / FEWEST:
-            return state._replace(begin=now.t, sums=0.0 * state.sums, last=now._replace(before=now.t))
         # the last sample is complete, as the time until the next one is known
         middles = state.begin + self.length * (0.5 + np.arange(OVERLAP) / OVERLAP)
         phi, rate = bump(last.t - middles, self.length)
@@ -379,30 +423,51 @@ class Estimator:
         moved = (speed[:, 0] > self._still).any()
         return self._judged(state, found) if moved else state
 
+    def _checked(self, measurement: Measurement) -> Measurement:
+        """Return a measurement as arrays of finite floats."""
+        instance(measurement, Measurement, "measurement")
+        t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
+        model = self.robot.model
+        v = np.zeros(model.nv) if v is None and self._count > 1 else v
+        found = []
+        for name, value, size in (("q", q, model.nq), ("v", v, model.nv), ("tau", tau, model.nv)):
+            if value is None or np.shape(value) != (size,) or not np.isfinite(value).all():
+                raise MeasurementError(name, value, f"must be {size} finite numbers")
+            found.append(np.array(value, dtype=float))
+        if not np.isfinite(t):
+            raise MeasurementError("t", t, "must be a finite number")
+        return Measurement(float(t), found[0], found[1], tau=found[2])
+
+    def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
+        """Return the middle sample, on cubics through the positions around it."""
+        middle, model = samples[self._count // 2], self.robot.model
+        t = np.array([one.t for one in samples]) - middle.t
+        if model.nq == model.nv:
+            moved = np.array([one.q for one in samples]) - middle.q
+        else:
+            moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
+        powers = (t[:, None] / t[-1]) ** np.arange(4)
+        value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
+        return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
+
     def _rows(self, measurement: Measurement, last: _Rows | None) -> _Rows:
         """Return the equations at a sample."""
         robot, n = self.robot, self.robot.model.nv
-        instance(measurement, Measurement, "measurement")
         t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
-        for name, value, size in (("q", q, robot.model.nq), ("v", v, n), ("tau", tau, n)):
-            if value is None or np.shape(value) != (size,) or not np.isfinite(value).all():
-                raise MeasurementError(name, value, f"must be {size} finite numbers")
-        if not np.isfinite(t) or (last is not None and t <= last.t):
-            raise ImplausibleError("t", t, "is not after that of the last sample")
-        q, v, tau = (np.asarray(part, dtype=float) for part in (q, v, tau))
         Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
         M, F = np.zeros((2, n, self._columns + 3))
         size = self.dynamics.size
         M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
         F[:, -2], F[:, -1] = tau, np.abs(v)
-        for column, j in enumerate(self._near_rest, size):
-            sign = np.tanh(v[j] / robot.friction.threshold[j])
-            F[j, column] = sign * np.exp(-abs(v[j]) / FADING)
+        near = np.array(self._near, dtype=int)
+        fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
+        columns = np.arange(size, self._columns).reshape(self._dry.shape)
+        F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
         N = None
         if robot.constraints:
             free = robot.constrained.free(q, v)
             N = (free if last is None or last.N is None else last.N[1], free)
-        return _Rows(float(t), float(t) if last is None else last.t, N, M, F)
+        return _Rows(t, t if last is None else last.t, N, M, F)
 
     def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
         """Return the state after a window, accepted or put aside."""
@@ -430,7 +495,10 @@ class Estimator:
         products, level = state.products, state.level
         for one in windows:
             rows = np.column_stack([one.W, one.y])
-            products = products + rows[:, :, None] * rows[:, None, :]
+            each = [row[at] for row, at in zip(rows, self._places, strict=True)]
+            products = tuple(
+                old + np.outer(row, row) for old, row in zip(products, each, strict=True)
+            )
             level = level + one.tau**2
         total, present, _ = state.counts
         state = state._replace(
@@ -447,18 +515,19 @@ class Estimator:
         past, left = state.past, state.left
         if state.counts[1]:
             belief = state.belief or self._believed(state)
-            M = self._equations(state, belief.noise * belief.lasting)
-            at, T = self._load, self._prior(state).local(self._prior(state).center)[0]
-            inverse = np.linalg.inv(T[at, at])
-            known = np.column_stack([inverse, inverse @ self._prior(state).center[at]])
-            own = np.r_[at, len(M) - 1]
-            M[np.ix_(own, own)] += known.T @ known
-            inner = M[at, at]
-            cross = M[at][:, self._rest]
-            past = M[np.ix_(self._rest, self._rest)] - cross.T @ np.linalg.solve(inner, cross)
+            M, at = self._products(state, belief.noise * belief.lasting), self._own
+            if state.load is not None:
+                T, _ = self._physical.local(self._physical.center)
+                known = np.linalg.inv(T[self._load, self._load])
+                known = np.column_stack([known, known @ state.load])
+                inner, cross = M[at, at] + known[:, :-1].T @ known[:, :-1], M[at].copy()
+                cross[:, -1] += known[:, :-1].T @ known[:, -1]
+                M[-1, -1] += known[:, -1] @ known[:, -1]
+                M -= cross.T @ np.linalg.solve(inner, cross)
+            past = past + M
             left = left + self._squares(state, belief.a)
         state = state._replace(
-            products=0.0 * state.products,
+            products=self._nothing["products"],
             past=past,
             left=left,
             counts=(state.counts[0], 0, 0),
@@ -468,12 +537,26 @@ class Estimator:
         )
         return state._replace(belief=self._believed(state)) if state.belief else state
 
-    def _map(self, load: np.ndarray | None) -> np.ndarray:
-        """Return B: [W y] B are the equations in the parameters."""
-        if load is None:
-            return self._B
-        B = self._B.copy()
-        B[self._own, self._load] = np.eye(PER_BODY)
+    def _map(self, load: np.ndarray | None, a: np.ndarray | None = None) -> np.ndarray:
+        """Return B: [W y] B are the equations in the parameters, linearised at a (p).
+
+        With x the share by which friction near rest is larger, dry friction d has the columns
+        d (sigma + x sigma exp(-|v| / fading)).
+        """
+        B, near = self._B.copy(), len(self._near)
+        if load is not None:
+            B[self._own, self._load] = np.eye(PER_BODY)
+        if not near:
+            return B
+        a = self._physical.center if a is None else a
+        first, last = self._columns - self._dry.size, len(self.names)
+        dry = self._B[self._dry] @ np.append(a, 0.0)
+        for j, (columns, sizes) in enumerate(zip(self._dry, dry, strict=True)):
+            for k, (column, size) in enumerate(zip(columns, sizes, strict=True)):
+                row, x = first + len(_DRY) * j + k, a[last - near + j]
+                B[row] += x * self._B[column]
+                B[row, last - near + j] += size
+                B[row, -1] += x * size  # W a of the products x d, of which one counts twice
         return B
 
     def _prior(self, state: EstimatorState) -> PhysicalSet:
@@ -483,17 +566,30 @@ class Estimator:
             center[self._load] = state.load
         return replace(self._physical, center=center)
 
-    def _equations(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
-        """Return the products (p + 1, p + 1) of all equations, the last column being y."""
-        B = self._map(state.load)
-        M = B.T @ np.tensordot(noise**-2.0, state.products, axes=1) @ B
-        M[np.ix_(self._rest, self._rest)] += state.past
+    def _products(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
+        """Return the products (c + 1, c + 1) of the windows with the present load."""
+        M = np.zeros_like(state.past)
+        for at, one, size in zip(self._places, state.products, noise, strict=True):
+            M[np.ix_(at, at)] += one / size**2
         return M
+
+    def _equations(
+        self, state: EstimatorState, noise: np.ndarray, a: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the products (p + 1, p + 1) of all equations, the last column being y."""
+        B, B_past = self._map(state.load, a), self._map(None, a)
+        M = B.T @ self._products(state, noise) @ B
+        return M + B_past.T @ state.past @ B_past if state.past.any() else M
+
+    def _left(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
+        """Return w (c + 1): [W y] w are the residuals of windows with the present load."""
+        return self._map(state.load, a) @ np.append(-a, 1.0)
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
-        w = self._map(state.load) @ np.append(-a, 1.0)
-        return np.maximum(state.products @ w @ w, 0.0)
+        w = self._left(state, a)
+        each = zip(self._places, state.products, strict=True)
+        return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
@@ -507,8 +603,8 @@ class Estimator:
         """Return the factors (n) of the noise of windows that are not independent."""
         if len(state.recent) < _EVERY:
             return np.full(len(state.level), np.sqrt(OVERLAP))
-        B = self._map(state.load) @ np.append(-a, 1.0)
-        left = np.array([one.W @ B[:-1] + one.y for one in state.recent])
+        w = self._left(state, a)
+        left = np.array([one.W @ w[:-1] + one.y for one in state.recent])
         return lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
 
     def _believed(self, state: EstimatorState) -> _Belief:
@@ -516,20 +612,20 @@ class Estimator:
         physical, before = self._prior(state), state.belief
         center = physical.center
         T, _ = physical.local(center)
-        a, fitted, inverse = center if before is None else before.a, 0.0, T
-        for _ in range(2):
-            noise = self._noise(state, a, fitted)
-            M = self._equations(state, noise)
+        a, fitted = center if before is None else before.a, 0.0
+        for _ in range(_ROUNDS if before is None else 1):
+            M = self._equations(state, self._noise(state, a, fitted), a)
             inverse = _inverse(M[:-1, :-1], T)
             a = center + inverse @ (inverse.T @ (M[:-1, -1] - M[:-1, :-1] @ center))
+            a = self._bounded(a)
             fitted = len(a) - float(np.sum(np.linalg.solve(T, inverse) ** 2))
         noise, lasting = self._noise(state, a, fitted), self._lasting(state, a)
-        M = self._equations(state, noise * lasting)
+        M = self._equations(state, noise * lasting, a)
         return _Belief(a, _inverse(M[:-1, :-1], T), noise, lasting)
 
     def _agree(self, state: EstimatorState, windows: Sequence[Window], belief: _Belief) -> bool:
         """Return whether windows are what was believed, within what was known."""
-        B, noise = self._map(state.load), belief.noise * belief.lasting
+        B, noise = self._map(state.load, belief.a), belief.noise * belief.lasting
         W = np.concatenate([one.W / noise[:, None] for one in windows])
         y = np.concatenate([one.y / noise for one in windows])
         r = y + W @ (B[:-1] @ np.append(-belief.a, 1.0))
@@ -544,14 +640,18 @@ class Estimator:
             near: an earlier estimate, which saves time.
         """
         physical, a = self._prior(state), None if near is None else near.a
-        noise = self._noise(state, physical.center if a is None else a, 0.0)
         if a is None and state.belief is not None:
             noise = state.belief.noise
-        for _ in range(3):
-            a = physical_fit(*_rows(self._equations(state, noise)), physical, gamma=WEIGHT, near=a)
+        else:
+            noise = self._noise(state, physical.center if a is None else a, 0.0)
+        at = physical.center if a is None else a
+        for _ in range(_ROUNDS):
+            rows = _rows(self._equations(state, noise, at))
+            a = physical_fit(*rows, physical, gamma=WEIGHT, near=a)
+            at = a = self._bounded(a)
             noise = self._noise(state, a, 0.0)
         T, _ = physical.local(a)
-        M = self._equations(state, noise * self._lasting(state, a))
+        M = self._equations(state, noise * self._lasting(state, a), a)
         root = _inverse(M[:-1, :-1], T)
         load = None
         if state.load is not None:
@@ -560,18 +660,27 @@ class Estimator:
             load = PayloadEstimate.of(value, deviation)
         deviations = np.linalg.norm(root, axis=1)
         return Estimate(
-            self._robot(state, a), load, self.names, a, deviations, noise, self._advice(state, root, noise)
+            self._robot(state, a),
+            load,
+            self.names,
+            a,
+            deviations,
+            noise,
+            self._advice(state, root, noise),
         )
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
         """Return the robot with parameters (p) and the load."""
-        w = self._map(state.load) @ np.append(a, -1.0)
-        size = self.dynamics.size
-        robot = self.dynamics.robot(w[:size], self.robot)
-        friction, breakaway = robot.friction, robot.friction.breakaway.copy()
-        for j, more in zip(self._near_rest, w[size:-1], strict=True):
-            breakaway[j] = max(1.0 + more / friction.coulomb[j], 0.0)
-        return replace(robot, friction=replace(friction, breakaway=breakaway), loads=(), drawn=None)
+        robot = self.dynamics.robot(-self._left(state, a)[: self.dynamics.size], self.robot)
+        breakaway = robot.friction.breakaway.copy()
+        breakaway[self._near] += a[len(a) - len(self._near) :]
+        friction = replace(robot.friction, breakaway=breakaway)
+        return replace(robot, friction=friction, loads=())
+
+    def _bounded(self, a: np.ndarray) -> np.ndarray:
+        """Return parameters (p) with friction near rest that is not negative."""
+        first = len(a) - len(self._near)
+        return np.append(a[:first], np.maximum(a[first:], -1.0))
 
     def _advice(self, state: EstimatorState, root: np.ndarray, noise: np.ndarray) -> str:
         """Return which joint to move, if that told more of the load than a window's noise hides."""
