@@ -30,11 +30,12 @@ from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ImplausibleError, InputError, MeasurementError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
-from ..information.payload import USUAL, PayloadEstimate, of_load
+from ..information.payload import USUAL as EXPECTED
+from ..information.payload import PayloadEstimate, of_load
 from ..models.bodies import chosen_bodies
-from ..models.joint_effects import KINDS
+from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
-from ..models.regressor import LABELS, PER_BODY
+from ..models.regressor import LABELS, PER_BODY, random_states
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import Robot
@@ -90,15 +91,19 @@ class _Belief(NamedTuple):
 
     Attributes:
         a: (p) parameters.
-        root: (p, p) L of their covariance L L^T.
+        left: w (c + 1): [W y] w is the residual of a window.
+        slopes: (c, p) L of the covariance L L^T of the first c of these.
         noise: (n) of the torque of a window [N m or N].
-        lasting: (n) factors of the noise of windows, as if they were independent.
+        lasting: (n) the same, as if windows were independent.
+        count: of windows that are in it.
     """
 
     a: np.ndarray
-    root: np.ndarray
+    left: np.ndarray
+    slopes: np.ndarray
     noise: np.ndarray
     lasting: np.ndarray
+    count: int
 
 
 class EstimatorState(NamedTuple):
@@ -254,6 +259,8 @@ class Estimator:
         near = list[int]()
         if given.friction is None:
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
+            shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
+            words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
             near = [robot.joint_names.index(name) for name in joints]
             friction = replace(robot.friction, breakaway=1.0, fading=FADING).of(robot.model)
@@ -285,7 +292,7 @@ class Estimator:
         self._B[-1, -1] = 1.0
         if payload_alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
-        ball = pin.Inertia.FromSphere(USUAL * robot.mass, USUAL * robot.reach)
+        ball = pin.Inertia.FromSphere(EXPECTED * robot.mass, EXPECTED * robot.reach)
         placement = robot.model.frames[robot.frame_id].placement
         self._usual = placement.act(ball).toDynamicParameters()
         center = np.insert(own.center[kept], first, self._usual)
@@ -301,21 +308,13 @@ class Estimator:
             np.append(np.ones(bodies), FREE),
             np.append(own.scales, np.ones(len(near))),
         )
-        # which columns the equation of a joint has: all under constraints, else its own and bodies
-        common = np.arange(size)
-        self._places = [np.arange(self._columns + 1)] * robot.model.nv
-        if not robot.constraints and near:
-            self._places = [
-                np.concatenate(
-                    [
-                        common,
-                        [at(f"{name}.{kind}") for kind in KINDS],
-                        dynamics.size + len(_DRY) * j + np.arange(len(_DRY)),
-                        [self._columns],
-                    ]
-                ).astype(int)
-                for j, name in enumerate(robot.joint_names)
-            ]
+        # which columns the equation of a joint has
+        found = np.full((robot.model.nv, self._columns + 1), bool(robot.constraints))
+        found[:, -1] = True
+        for q, v, _ in random_states(robot.model, 3):
+            rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
+            found |= (rows.M[:, :-2] != 0.0) | (rows.F[:, :-2] != 0.0)
+        self._places = [np.flatnonzero(one) for one in found]
         moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
@@ -472,18 +471,18 @@ class Estimator:
     def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
         """Return the state after a window, accepted or put aside."""
         belief = state.belief
-        if belief is None or (not state.aside and self._agree(state, [found], belief)):
+        if belief is None or (not state.aside and self._agree([found], belief)):
             return self._accepted(state, [found])
         total, present, refused = state.counts
         aside = (*state.aside, found)
         state = state._replace(aside=aside[-_LOADED:], counts=(total, present, refused + 1))
         latest = list(aside[-OVERLAP:])
-        if len(aside) > OVERLAP and self._agree(state, latest, belief):  # it was a push
+        if len(aside) > OVERLAP and self._agree(latest, belief):  # it was a push
             return self._accepted(state._replace(aside=()), latest)
         later = aside[OVERLAP:]
         if len(aside) >= _LOADED:
             other = self._changed(state, self._usual)
-            if other.belief is not None and self._agree(other, later, other.belief):
+            if other.belief is not None and self._agree(later, other.belief):
                 return self._accepted(other, later)
         if refused >= total:  # what was learned is contradicted for longer than it was supported
             nothing = self._nothing
@@ -507,15 +506,17 @@ class Estimator:
             counts=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
-        new = len(windows) > 1 or state.counts[0] % _EVERY == 0
-        return state._replace(belief=self._believed(state)) if new else state
+        learned = state.counts[0] - (0 if state.belief is None else state.belief.count)
+        if learned < max(_EVERY, state.counts[0] // _EVERY):
+            return state
+        return state._replace(belief=self._believed(state))
 
     def _changed(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
         past, left = state.past, state.left
         if state.counts[1]:
             belief = state.belief or self._believed(state)
-            M, at = self._products(state, belief.noise * belief.lasting), self._own
+            M, at = self._products(state, belief.lasting), self._own
             if state.load is not None:
                 T, _ = self._physical.local(self._physical.center)
                 known = np.linalg.inv(T[self._load, self._load])
@@ -550,13 +551,11 @@ class Estimator:
             return B
         a = self._physical.center if a is None else a
         first, last = self._columns - self._dry.size, len(self.names)
-        dry = self._B[self._dry] @ np.append(a, 0.0)
-        for j, (columns, sizes) in enumerate(zip(self._dry, dry, strict=True)):
-            for k, (column, size) in enumerate(zip(columns, sizes, strict=True)):
-                row, x = first + len(_DRY) * j + k, a[last - near + j]
-                B[row] += x * self._B[column]
-                B[row, last - near + j] += size
-                B[row, -1] += x * size  # W a of the products x d, of which one counts twice
+        rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
+        x, dry = a[last - near : last, None], self._B[self._dry] @ np.append(a, 0.0)
+        B[rows] += x[:, :, None] * self._B[self._dry]
+        B[rows, last - near + np.arange(near)[:, None]] += dry
+        B[rows, -1] += x * dry  # as the product x d is in both columns
         return B
 
     def _prior(self, state: EstimatorState) -> PhysicalSet:
@@ -619,17 +618,17 @@ class Estimator:
             a = center + inverse @ (inverse.T @ (M[:-1, -1] - M[:-1, :-1] @ center))
             a = self._bounded(a)
             fitted = len(a) - float(np.sum(np.linalg.solve(T, inverse) ** 2))
-        noise, lasting = self._noise(state, a, fitted), self._lasting(state, a)
-        M = self._equations(state, noise * lasting, a)
-        return _Belief(a, _inverse(M[:-1, :-1], T), noise, lasting)
+        noise = self._noise(state, a, fitted)
+        lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
+        root = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        slopes = B[:-1, :-1] @ root
+        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.counts[0])
 
-    def _agree(self, state: EstimatorState, windows: Sequence[Window], belief: _Belief) -> bool:
+    def _agree(self, windows: Sequence[Window], belief: _Belief) -> bool:
         """Return whether windows are what was believed, within what was known."""
-        B, noise = self._map(state.load, belief.a), belief.noise * belief.lasting
-        W = np.concatenate([one.W / noise[:, None] for one in windows])
-        y = np.concatenate([one.y / noise for one in windows])
-        r = y + W @ (B[:-1] @ np.append(-belief.a, 1.0))
-        A = W @ B[:-1, :-1] @ belief.root
+        W = np.concatenate([one.W / belief.lasting[:, None] for one in windows])
+        r = W @ belief.left[:-1] + np.concatenate([one.y / belief.lasting for one in windows])
+        A = W @ belief.slopes
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
     def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
