@@ -87,7 +87,7 @@ def least_squares_errors(found: Identification) -> tuple[float, float]:
     They have the same effects of the joints, no prior, and need not be physical: what is usual in
     the literature.
     """
-    dynamics = found.estimator.controller.dynamics
+    dynamics = found.controller.dynamics
     chosen = pa.models.base_parameters(dynamics, found.described).chosen
     first = found.windows.between(-np.inf, found.split)
     last = found.windows.between(found.split, np.inf)

@@ -48,6 +48,8 @@ FADING = 0.1  # [rad/s or m/s] of friction near rest
 _LOADED, _EVERY, _RECENT = 12, 8, 150
 _LIMIT = 3.0  # deviations
 _ROUNDS = 4
+_SHAKE = 0.2  # [rad or m], once a second
+_TELLS = 1.0
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _LEVELS = 0.05, 1e-4  # shares of a torque: its noise at first, and the least
 
@@ -184,17 +186,37 @@ class Estimate:
     def write(self, model: Any) -> None:
         """Write bodies, rotors and friction into a MuJoCo model of the same joints, in place.
 
-        What is welded to a body in it loses its mass, as the body contains it.
+        What is welded to a body in it loses its mass, as the body contains it. Call
+        ``mujoco.mj_setConst`` after it.
 
         Raises:
             InputError: the model lacks a joint.
         """
-        import mujoco  # here, because it is an extra
-
-        own = mujoco.MjData(model)
-        own.qpos[:] = model.qpos0
-        mujoco.mj_kinematics(model, own)
-        write_bodies(self.robot, model, own)
+        chain, friction = self.robot.model, self.robot.friction
+        for i, name in enumerate(self.robot.joint_names, start=1):
+            if name in BASE_JOINTS[:-1]:
+                continue
+            try:
+                joint = None if name in BASE_JOINTS else model.joint(name)
+                at = model.jnt_bodyid[0 if joint is None else joint.id]
+                label = model.body(at).name
+            except KeyError:
+                raise InputError(f"the model has no joint '{name}'.", where="write") from None
+            body = chain.inertias[i]
+            if chain.existFrame(label):
+                body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
+            moments, axes = np.linalg.eigh(body.inertia)
+            axes[:, 0] *= np.linalg.det(axes)
+            model.body_mass[model.body_weldid == at] = 0.0
+            model.body_inertia[model.body_weldid == at] = 0.0
+            model.body_mass[at], model.body_ipos[at] = body.mass, body.lever
+            model.body_inertia[at] = moments
+            model.body_iquat[at] = np.roll(pin.Quaternion(axes).coeffs(), 1)
+            if joint is not None:
+                dof = joint.dofadr[0]
+                model.dof_armature[dof] = chain.armature[i - 1]
+                model.dof_damping[dof] = friction.viscous[i - 1]
+                model.dof_frictionloss[dof] = friction.coulomb[i - 1]
 
     def __str__(self) -> str:
         """Return the load and the advice."""
@@ -592,7 +614,9 @@ class Estimator:
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
-        count = max(state.counts[0], 1)
+        count = state.counts[0]
+        if not count:
+            return np.ones(len(state.level))
         first, least = np.outer(_LEVELS, np.sqrt(state.level / count) + np.finfo(float).tiny)
         squares = state.left + self._squares(state, a) + OVERLAP * first**2
         free = max(count - fitted / len(first), 0.0) + OVERLAP
@@ -682,8 +706,20 @@ class Estimator:
         return np.append(a[:first], np.maximum(a[first:], -1.0))
 
     def _advice(self, state: EstimatorState, root: np.ndarray, noise: np.ndarray) -> str:
-        """Return which joint to move, if that told more of the load than a window's noise hides."""
-        return ""
+        """Return which joint to shake, if that told more of the load than the noise hides."""
+        if state.load is None:
+            return ""
+        robot, B = self.robot, self._map(state.load)[: self.dynamics.size, self._load]
+        gains = np.zeros(robot.model.nv)
+        for j, name in enumerate(robot.joint_names):
+            for turn in (-_SHAKE, _SHAKE) if name not in BASE_JOINTS else ():
+                step = turn * np.eye(len(gains))[j]
+                q = pin.integrate(robot.model, robot.q0, step)
+                Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
+                gains[j] += np.sum((Y @ B @ root[self._load] / noise[:, None]) ** 2)
+        best = int(gains.argmax())
+        known = gains[best] < _TELLS * len(noise)
+        return "" if known else f"not enough motion yet: shake {robot.joint_names[best]}"
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
