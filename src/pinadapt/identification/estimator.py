@@ -45,11 +45,11 @@ from .fits import FREE, LIGHT, WEIGHT, lasting_noise
 _SMOOTH = 0.05  # [s] before and after a sample
 FADING = 0.1  # [rad/s or m/s] of friction near rest
 # Windows: of a load before it is believed, longer than a push of half a second; of a comparison.
-_LOADED, _EVERY, _RECENT = 12, 8, 150
+_LOADED, _EVERY, _RECENT = 12, 8, 75
 _LIMIT = 3.0  # deviations
 _ROUNDS = 4
 _SHAKE = 0.2  # [rad or m], once a second
-_TELLS = 1.0
+_KNOWN = 0.1  # of the mass of a load, and of a hundredth of that of the robot
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _LEVELS = 0.05, 1e-4  # shares of a torque: its noise at first, and the least
 
@@ -97,7 +97,7 @@ class _Belief(NamedTuple):
         slopes: (c, p) L of the covariance L L^T of the first c of these.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
-        count: of windows that are in it.
+        windows: that are in it.
     """
 
     a: np.ndarray
@@ -105,7 +105,7 @@ class _Belief(NamedTuple):
     slopes: np.ndarray
     noise: np.ndarray
     lasting: np.ndarray
-    count: int
+    windows: int
 
 
 class EstimatorState(NamedTuple):
@@ -120,7 +120,7 @@ class EstimatorState(NamedTuple):
         past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
         left: (n) sum of the squared residuals of windows with other loads.
-        counts: windows accepted, those of them with the present load, and refused since the last
+        accepted: windows, those of them with the present load, and refused since the last
             one was accepted.
         recent: the last accepted windows.
         aside: windows that disagree.
@@ -136,7 +136,7 @@ class EstimatorState(NamedTuple):
     past: np.ndarray
     level: np.ndarray
     left: np.ndarray
-    counts: tuple[int, int, int]
+    accepted: tuple[int, int, int]
     recent: tuple[Window, ...]
     aside: tuple[Window, ...]
     belief: _Belief | None
@@ -273,10 +273,10 @@ class Estimator:
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
-        carrier, free = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        payload_alone = free == [carrier] and given.bodies == "payload"
+        carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
+        payload_alone = bodies == [carrier] and given.bodies == "payload"
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
-        names = [robot.joint_names[body] for body in sorted({*free, carrier})]
+        names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names, tool=False)
         near = list[int]()
         if given.friction is None:
@@ -285,7 +285,8 @@ class Estimator:
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
             near = [robot.joint_names.index(name) for name in joints]
-            friction = replace(robot.friction, breakaway=1.0, fading=FADING).of(robot.model)
+            still, ones = self.robot.friction, np.ones(robot.model.nv)
+            friction = replace(still, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
         self._near = near
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
@@ -322,14 +323,15 @@ class Estimator:
         shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]
         weights = np.where(shares, dynamics.initial[size:] / dynamics.typical[size:], LIGHT)
         weights = weights[: len(weights) - len(own.scales)]
-        bodies = first // PER_BODY
+        count = first // PER_BODY
         self._physical = PhysicalSet(
-            bodies + 1,
+            count + 1,
             np.append(center, np.zeros(len(near))),
             weights,
-            np.append(np.ones(bodies), FREE),
+            np.append(np.ones(count), FREE),
             np.append(own.scales, np.ones(len(near))),
         )
+        self._T, _ = self._physical.local(self._physical.center)
         # which columns the equation of a joint has
         found = np.full((robot.model.nv, self._columns + 1), bool(robot.constraints))
         found[:, -1] = True
@@ -337,6 +339,9 @@ class Estimator:
             rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
             found |= (rows.M[:, :-2] != 0.0) | (rows.F[:, :-2] != 0.0)
         self._places = [np.flatnonzero(one) for one in found]
+        # under constraints fewer equations than joints are independent
+        free = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
+        self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
@@ -368,7 +373,7 @@ class Estimator:
             "past": np.zeros((c, c)),
             "level": np.zeros(n),
             "left": np.zeros(n),
-            "counts": (0, 0, 0),
+            "accepted": (0, 0, 0),
             "recent": (),
             "aside": (),
             "belief": None,
@@ -495,9 +500,9 @@ class Estimator:
         belief = state.belief
         if belief is None or (not state.aside and self._agree([found], belief)):
             return self._accepted(state, [found])
-        total, present, refused = state.counts
+        total, present, refused = state.accepted
         aside = (*state.aside, found)
-        state = state._replace(aside=aside[-_LOADED:], counts=(total, present, refused + 1))
+        state = state._replace(aside=aside[-_LOADED:], accepted=(total, present, refused + 1))
         latest = list(aside[-OVERLAP:])
         if len(aside) > OVERLAP and self._agree(latest, belief):  # it was a push
             return self._accepted(state._replace(aside=()), latest)
@@ -521,27 +526,26 @@ class Estimator:
                 old + np.outer(row, row) for old, row in zip(products, each, strict=True)
             )
             level = level + one.tau**2
-        total, present, _ = state.counts
+        total, present, _ = state.accepted
         state = state._replace(
             products=products,
             level=level,
-            counts=(total + len(windows), present + len(windows), 0),
+            accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
-        learned = state.counts[0] - (0 if state.belief is None else state.belief.count)
-        if learned < max(_EVERY, state.counts[0] // _EVERY):
+        learned = state.accepted[0] - (0 if state.belief is None else state.belief.windows)
+        if learned < max(_EVERY, state.accepted[0] // _EVERY):
             return state
         return state._replace(belief=self._believed(state))
 
     def _changed(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
         past, left = state.past, state.left
-        if state.counts[1]:
+        if state.accepted[1]:
             belief = state.belief or self._believed(state)
             M, at = self._products(state, belief.lasting), self._own
             if state.load is not None:
-                T, _ = self._physical.local(self._physical.center)
-                known = np.linalg.inv(T[self._load, self._load])
+                known = np.linalg.inv(self._T[self._load, self._load])
                 known = np.column_stack([known, known @ state.load])
                 inner, cross = M[at, at] + known[:, :-1].T @ known[:, :-1], M[at].copy()
                 cross[:, -1] += known[:, :-1].T @ known[:, -1]
@@ -553,7 +557,7 @@ class Estimator:
             products=self._nothing["products"],
             past=past,
             left=left,
-            counts=(state.counts[0], 0, 0),
+            accepted=(state.accepted[0], 0, 0),
             recent=(),
             aside=(),
             load=load,
@@ -614,7 +618,7 @@ class Estimator:
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
-        count = state.counts[0]
+        count = state.accepted[0]
         if not count:
             return np.ones(len(state.level))
         first, least = np.outer(_LEVELS, np.sqrt(state.level / count) + np.finfo(float).tiny)
@@ -625,28 +629,29 @@ class Estimator:
     def _lasting(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the factors (n) of the noise of windows that are not independent."""
         if len(state.recent) < _EVERY:
-            return np.full(len(state.level), np.sqrt(OVERLAP))
+            return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
         w = self._left(state, a)
         left = np.array([one.W @ w[:-1] + one.y for one in state.recent])
-        return lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
+        return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
 
     def _believed(self, state: EstimatorState) -> _Belief:
         """Return the estimate of least squares near the description, with its covariance."""
         physical, before = self._prior(state), state.belief
         center = physical.center
-        T, _ = physical.local(center)
+        T = self._T if state.load is self._usual else physical.local(center)[0]
         a, fitted = center if before is None else before.a, 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
-            inverse = _inverse(M[:-1, :-1], T)
-            a = center + inverse @ (inverse.T @ (M[:-1, -1] - M[:-1, :-1] @ center))
-            a = self._bounded(a)
-            fitted = len(a) - float(np.sum(np.linalg.solve(T, inverse) ** 2))
+            X = _inverse(M[:-1, :-1], T)
+            a = self._bounded(
+                center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center))))
+            )
+            fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
-        root = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
-        slopes = B[:-1, :-1] @ root
-        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.counts[0])
+        X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        slopes = B[:-1, :-1] @ T @ X
+        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], belief: _Belief) -> bool:
         """Return whether windows are what was believed, within what was known."""
@@ -662,20 +667,18 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
-        physical, a = self._prior(state), None if near is None else near.a
-        if a is None and state.belief is not None:
+        physical = self._prior(state)
+        a, start = (physical.center, None) if near is None else (near.a, near.a)
+        noise = self._noise(state, a, 0.0)
+        if near is None and state.belief is not None:
             noise = state.belief.noise
-        else:
-            noise = self._noise(state, physical.center if a is None else a, 0.0)
-        at = physical.center if a is None else a
         for _ in range(_ROUNDS):
-            rows = _rows(self._equations(state, noise, at))
-            a = physical_fit(*rows, physical, gamma=WEIGHT, near=a)
-            at = a = self._bounded(a)
+            rows = _rows(self._equations(state, noise, a))
+            a = start = self._bounded(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
             noise = self._noise(state, a, 0.0)
         T, _ = physical.local(a)
         M = self._equations(state, noise * self._lasting(state, a), a)
-        root = _inverse(M[:-1, :-1], T)
+        root = T @ _inverse(M[:-1, :-1], T)
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
@@ -689,7 +692,7 @@ class Estimator:
             a,
             deviations,
             noise,
-            self._advice(state, root, noise),
+            self._advice(state, load, root, noise),
         )
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
@@ -705,11 +708,17 @@ class Estimator:
         first = len(a) - len(self._near)
         return np.append(a[:first], np.maximum(a[first:], -1.0))
 
-    def _advice(self, state: EstimatorState, root: np.ndarray, noise: np.ndarray) -> str:
+    def _advice(
+        self,
+        state: EstimatorState,
+        load: PayloadEstimate | None,
+        root: np.ndarray,
+        noise: np.ndarray,
+    ) -> str:
         """Return which joint to shake, if that told more of the load than the noise hides."""
-        if state.load is None:
-            return ""
         robot, B = self.robot, self._map(state.load)[: self.dynamics.size, self._load]
+        if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
+            return ""
         gains = np.zeros(robot.model.nv)
         for j, name in enumerate(robot.joint_names):
             for turn in (-_SHAKE, _SHAKE) if name not in BASE_JOINTS else ():
@@ -717,14 +726,12 @@ class Estimator:
                 q = pin.integrate(robot.model, robot.q0, step)
                 Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
                 gains[j] += np.sum((Y @ B @ root[self._load] / noise[:, None]) ** 2)
-        best = int(gains.argmax())
-        known = gains[best] < _TELLS * len(noise)
-        return "" if known else f"not enough motion yet: shake {robot.joint_names[best]}"
+        return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Return L (p, p) with L L^T the inverse of H + T^-T T^-1."""
-    return T @ np.linalg.inv(np.linalg.cholesky(T.T @ H @ T + WEIGHT * np.eye(len(T)))).T
+    """Return X (p, p) with T X X^T T^T the inverse of H + WEIGHT T^-T T^-1."""
+    return np.linalg.inv(np.linalg.cholesky(T.T @ H @ T + WEIGHT * np.eye(len(T)))).T
 
 
 def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
