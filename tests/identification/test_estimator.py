@@ -12,10 +12,9 @@ from benchmarks.standing import Sway
 from pinadapt.identification.fits import Windows
 from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
-from tests.constraints.test_loops import five_bar
 from tests.constraints.test_standing import standing
 from tests.support.chains import catalogue_robot
-from tests.support.recorded import LOAD, motion, recorded, torques
+from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 
 OTHER = pa.Payload(0.8, (0.0, 0.03, 0.08), (0.001, 0.0, 0.001, 0.0, 0.0, 0.001))
 
@@ -75,7 +74,7 @@ def test_loads_that_come_and_go_are_found_within_a_second():
     last = estimator.estimate(states[-1])
     assert last.load.mass == pytest.approx(OTHER.mass, rel=0.01) and not last.advice
     assert np.abs(found_load(estimator, states[-1], OTHER)).max() < 4.0
-    assert "0.8" in str(last)
+    assert str(last).startswith("load 0.")
 
 
 @pytest.mark.parametrize("direction", [(40.0, 0.0, 0.0), (0.0, 0.0, -40.0)])
@@ -114,14 +113,17 @@ def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
     estimator = pa.Estimator(robot, period=4e-3, held=False, smooth=True)
     state = run(estimator, log.t, log.configurations(robot), log.v, log.tau)[-1]
     found = estimator.estimate(state)
-    assert found.robot.mass == pytest.approx(
-        found.robot.model.inertias[7].mass
-        + sum(body.mass for body in list(found.model.inertias)[1:7])
-    )
-    t, q, v, a = motion("panda", duration=4.0, dt=8e-3, seed=5)
-    true = recorded_torques(q, v, a)
+    _, q, v, a = motion("panda", duration=4.0, dt=8e-3, seed=5)
+    true = torques(true_robot("panda"), q, v, a)
+    data = found.model.createData()
+    frictions = [
+        found.robot.friction.under(pin.computeGeneralizedGravity(found.model, data, q_k))
+        for q_k in q
+    ]
+    own = [pin.rnea(found.model, data, *one) for one in zip(q, v, a, strict=True)]
+    own += np.array([one.torque(v_k) for one, v_k in zip(frictions, v, strict=True)])
     before, after = (
-        np.sqrt(np.mean((torques(each, q, v, a) - true) ** 2)) for each in (robot, found.robot)
+        np.sqrt(np.mean((each - true) ** 2)) for each in (torques(robot, q, v, a), own)
     )
     assert after < 0.1 * before
     found.save(tmp_path / "found.urdf")
@@ -134,13 +136,6 @@ def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
     mujoco.mj_forward(model, data)
     gravity = pin.computeGeneralizedGravity(found.model, found.model.createData(), q[0])
     assert np.allclose(data.qfrc_bias, gravity, atol=1e-8)
-
-
-def recorded_torques(q, v, a):
-    """Return the torques of the true robot."""
-    from tests.support.recorded import true_robot
-
-    return torques(true_robot("panda"), q, v, a)
 
 
 def test_steps_are_pure_and_refuse_what_is_no_measurement():

@@ -32,7 +32,7 @@ from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import USUAL as EXPECTED
 from ..information.payload import PayloadEstimate, of_load
-from ..models.bodies import chosen_bodies
+from ..models.bodies import chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
@@ -48,6 +48,7 @@ FADING = 0.1  # [rad/s or m/s] of friction near rest
 _LOADED, _EVERY, _RECENT = 12, 8, 75
 _LIMIT = 3.0  # deviations
 _ROUNDS = 4
+_ROUNDING = 1e-12  # of a diagonal
 _SHAKE = 0.2  # [rad or m], once a second
 _KNOWN = 0.1  # of the mass of a load, and of a hundredth of that of the robot
 _DRY = "coulomb", "gear_friction", "asymmetry"
@@ -394,7 +395,8 @@ class Estimator:
         if payload is not None:
             placement = self.robot.model.frames[self.robot.frame_id].placement
             load = placement.act(payload.spatial_inertia()).toDynamicParameters()
-            load = load if payload.present else None
+            radius = EXPECTED * self.robot.reach
+            load = nearest_physical(load, least_radius=radius) if payload.present else None
         return self._changed(state, load)
 
     def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
@@ -438,7 +440,7 @@ class Estimator:
             tau = now.F[:, -2] if now.N is None else 0.5 * (now.N[0] + now.N[1]) @ now.F[:, -2]
             sums[:, :, -2] += between[:, None] * tau
         state = state._replace(sums=sums, last=now)
-        if last.t < state.begin + self.length:
+        if now.t < state.begin + self.length:
             return state
         W, known, tau, speed = np.split(sums[0], [self._columns, -2, -1], axis=1)
         found = Window(float(middles[0]), W, (tau - known)[:, 0], tau[:, 0])
@@ -731,7 +733,9 @@ class Estimator:
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
     """Return X (p, p) with T X X^T T^T the inverse of H + WEIGHT T^-T T^-1."""
-    return np.linalg.inv(np.linalg.cholesky(T.T @ H @ T + WEIGHT * np.eye(len(T)))).T
+    whole = T.T @ H @ T
+    whole.flat[:: len(T) + 1] += WEIGHT + _ROUNDING * np.diagonal(whole)
+    return np.linalg.inv(np.linalg.cholesky(whole)).T
 
 
 def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
