@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from .._checks import flag, instance, positive
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ImplausibleError, InputError, MeasurementError
+from ..exceptions import ImplausibleError, MeasurementError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import USUAL as EXPECTED
@@ -77,14 +77,14 @@ class _Rows(NamedTuple):
     Attributes:
         t: time [s].
         before: of the sample before [s].
-        N: (n, n) projections at the sample before, and at this one.
+        N: (n, n) projections at the sample before, and at this one; ones of a chain.
         M: (n, c + 3) momentum.
         F: (n, c + 3) all else.
     """
 
     t: float
     before: float
-    N: tuple[np.ndarray, np.ndarray] | None
+    N: tuple[Any, Any]
     M: np.ndarray
     F: np.ndarray
 
@@ -191,18 +191,15 @@ class Estimate:
         ``mujoco.mj_setConst`` after it.
 
         Raises:
-            InputError: the model lacks a joint.
+            KeyError: the model lacks a joint.
         """
         chain, friction = self.robot.model, self.robot.friction
         for i, name in enumerate(self.robot.joint_names, start=1):
             if name in BASE_JOINTS[:-1]:
                 continue
-            try:
-                joint = None if name in BASE_JOINTS else model.joint(name)
-                at = model.jnt_bodyid[0 if joint is None else joint.id]
-                label = model.body(at).name
-            except KeyError:
-                raise InputError(f"the model has no joint '{name}'.", where="write") from None
+            joint = None if name in BASE_JOINTS else model.joint(name)
+            at = model.jnt_bodyid[0 if joint is None else joint.id]
+            label = model.body(at).name
             body = chain.inertias[i]
             if chain.existFrame(label):
                 body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
@@ -427,18 +424,14 @@ class Estimator:
         middles = state.begin + self.length * (0.5 + np.arange(OVERLAP) / OVERLAP)
         phi, rate = bump(last.t - middles, self.length)
         share = 0.5 * (now.t - last.before)
-        M, F = last.M, share * last.F
-        if now.N is not None and last.N is not None:
-            speed = F[:, -1]
-            F = last.N[1] @ F - 0.5 * (now.N[1] - last.N[0]) @ M
-            M, F[:, -1] = last.N[1] @ M, speed
+        F = share * np.dot(last.N[1], last.F) - 0.5 * np.dot(now.N[1] - last.N[0], last.M)
+        M, F[:, -1] = np.dot(last.N[1], last.M), share * last.F[:, -1]
         if self._held:
             F[:, -2] = 0.0
         sums = state.sums + phi[:, None, None] * F - (share * rate)[:, None, None] * M
         if self._held:
             between = bump(0.5 * (last.t + now.t) - middles, self.length)[0] * elapsed
-            tau = now.F[:, -2] if now.N is None else 0.5 * (now.N[0] + now.N[1]) @ now.F[:, -2]
-            sums[:, :, -2] += between[:, None] * tau
+            sums[:, :, -2] += np.outer(between, np.dot(0.5 * (now.N[0] + now.N[1]), now.F[:, -2]))
         state = state._replace(sums=sums, last=now)
         if now.t < state.begin + self.length:
             return state
@@ -470,10 +463,7 @@ class Estimator:
         """Return the middle sample, on cubics through the positions around it."""
         middle, model = samples[self._count // 2], self.robot.model
         t = np.array([one.t for one in samples]) - middle.t
-        if model.nq == model.nv:
-            moved = np.array([one.q for one in samples]) - middle.q
-        else:
-            moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
+        moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
         powers = (t[:, None] / t[-1]) ** np.arange(4)
         value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
@@ -491,11 +481,9 @@ class Estimator:
         fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
         columns = np.arange(size, self._columns).reshape(self._dry.shape)
         F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
-        N = None
-        if robot.constraints:
-            free = robot.constrained.free(q, v)
-            N = (free if last is None or last.N is None else last.N[1], free)
-        return _Rows(t, t if last is None else last.t, N, M, F)
+        N = robot.constrained.free(q, v) if robot.constraints else 1.0
+        before, projection = (t, N) if last is None else (last.t, last.N[1])
+        return _Rows(t, before, (projection, N), M, F)
 
     def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
         """Return the state after a window, accepted or put aside."""
@@ -723,11 +711,12 @@ class Estimator:
             return ""
         gains = np.zeros(robot.model.nv)
         for j, name in enumerate(robot.joint_names):
-            for turn in (-_SHAKE, _SHAKE) if name not in BASE_JOINTS else ():
-                step = turn * np.eye(len(gains))[j]
-                q = pin.integrate(robot.model, robot.q0, step)
-                Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
-                gains[j] += np.sum((Y @ B @ root[self._load] / noise[:, None]) ** 2)
+            if name in BASE_JOINTS:
+                continue
+            step = _SHAKE * np.eye(len(gains))[j]
+            q = pin.integrate(robot.model, robot.q0, step)
+            Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
+            gains[j] = np.linalg.norm(Y @ B @ root[self._load] / noise[:, None])
         return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
 
 

@@ -112,7 +112,6 @@ def identify(
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
     found, given = joined(logs, _PAUSE), Unknown.of(unknown)
-    told = given
     frames, nominal = _frames_and_task(found, described, given)
     unknown = replace(given, regressor="nominal").with_joints()
     controller = _controller(nominal, unknown)
@@ -132,6 +131,7 @@ def identify(
     seen_first = seen.between(-np.inf, split)
     located = position_fit(kinematics, seen_first if tests else seen)
     placed = _placed(nominal, kinematics, located.estimate)
+    estimator = Estimator(placed, given, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
     everything = nominal_dynamics(with_shafts(placed), whole, ())
@@ -174,7 +174,6 @@ def identify(
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model)
         load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
-    estimator = Estimator(placed, told, period=found.period, held=False)
     online = OnlineEstimates.of(estimator, motion, split, progress)
     return Identification(
         log=found,
