@@ -32,7 +32,7 @@ from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import USUAL as EXPECTED
 from ..information.payload import PayloadEstimate, of_load
-from ..models.bodies import chosen_bodies, nearest_physical
+from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
@@ -59,13 +59,11 @@ class Window(NamedTuple):
     """An average of the equations: W a = y.
 
     Attributes:
-        t: time of its middle [s].
         W: (n, c) regressor.
         y: (n) torque without its known part [N m or N].
         tau: (n) torque [N m or N].
     """
 
-    t: float
     W: np.ndarray
     y: np.ndarray
     tau: np.ndarray
@@ -225,8 +223,7 @@ class Estimate:
                 for c, d in zip(load.com, load.com_known_to, strict=True)
             )
             words = f"load {load.mass:.3f} +- {load.mass_known_to:.2g} kg at ({centre}) mm"
-        noise = ", ".join(f"{part:.2g}" for part in self.noise)
-        return f"{words}; torques to {noise} N m{self.advice and f'; {self.advice}'}"
+        return f"{words}; {self.advice}" if self.advice else words
 
 
 class Estimator:
@@ -272,10 +269,10 @@ class Estimator:
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        payload_alone = bodies == [carrier] and given.bodies == "payload"
+        payload_alone = given.bodies == PAYLOAD
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
-        chosen = replace(given.with_joints(), bodies=names, tool=False)
+        chosen = replace(given.with_joints(), bodies=names)
         near = list[int]()
         if given.friction is None:
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
@@ -291,20 +288,23 @@ class Estimator:
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         first = PER_BODY * names.index(robot.joint_names[carrier])
         self._own = slice(first, first + PER_BODY)
-        at = dynamics.names.index
-        self._dry = np.array(
-            [[at(f"{robot.joint_names[j]}.{kind}") for kind in _DRY] for j in near], dtype=int
-        ).reshape(-1, len(_DRY))
+        dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
+        places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
+        self._dry = places.reshape(-1, len(_DRY))
         self._columns = dynamics.size + self._dry.size
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
         known = range(*self._own.indices(size)) if payload_alone else ()
         kept = [i for i in range(dynamics.size) if i not in known]
         first = size - len(known)
         self._load = slice(first, first + PER_BODY)
-        labels = [f"load.{label}" for label in LABELS]
         listed = [dynamics.names[i] for i in kept]
         breakaways = [f"{robot.joint_names[j]}.breakaway" for j in near]
-        self.names = (*listed[:first], *labels, *listed[first:], *breakaways)
+        self.names = (
+            *listed[:first],
+            *(f"load.{label}" for label in LABELS),
+            *listed[first:],
+            *breakaways,
+        )
         p = len(self.names)
         # [W y] B are the equations in the parameters, those of the load aside
         self._B = np.zeros((self._columns + 1, p + 1))
@@ -331,11 +331,10 @@ class Estimator:
         )
         self._T, _ = self._physical.local(self._physical.center)
         # which columns the equation of a joint has
-        found = np.full((robot.model.nv, self._columns + 1), bool(robot.constraints))
+        q, v, _ = random_states(robot.model, 1)[0]
+        rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
+        found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
         found[:, -1] = True
-        for q, v, _ in random_states(robot.model, 3):
-            rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
-            found |= (rows.M[:, :-2] != 0.0) | (rows.F[:, :-2] != 0.0)
         self._places = [np.flatnonzero(one) for one in found]
         # under constraints fewer equations than joints are independent
         free = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
@@ -436,7 +435,7 @@ class Estimator:
         if now.t < state.begin + self.length:
             return state
         W, known, tau, speed = np.split(sums[0], [self._columns, -2, -1], axis=1)
-        found = Window(float(middles[0]), W, (tau - known)[:, 0], tau[:, 0])
+        found = Window(W, (tau - known)[:, 0], tau[:, 0])
         state = state._replace(
             begin=state.begin + self.length / OVERLAP,
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
@@ -447,17 +446,14 @@ class Estimator:
     def _checked(self, measurement: Measurement) -> Measurement:
         """Return a measurement as arrays of finite floats."""
         instance(measurement, Measurement, "measurement")
-        t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
-        model = self.robot.model
-        v = np.zeros(model.nv) if v is None and self._count > 1 else v
-        found = []
-        for name, value, size in (("q", q, model.nq), ("v", v, model.nv), ("tau", tau, model.nv)):
-            if value is None or np.shape(value) != (size,) or not np.isfinite(value).all():
-                raise MeasurementError(name, value, f"must be {size} finite numbers")
-            found.append(np.array(value, dtype=float))
-        if not np.isfinite(t):
-            raise MeasurementError("t", t, "must be a finite number")
-        return Measurement(float(t), found[0], found[1], tau=found[2])
+        t, q, v, *_, tau, _ = measurement
+        nq, nv = (self.robot.model.nq,), (self.robot.model.nv,)
+        v = np.zeros(nv) if v is None and self._count > 1 else v
+        for name, value, shape in (("t", t, ()), ("q", q, nq), ("v", v, nv), ("tau", tau, nv)):
+            if value is None or np.shape(value) != shape or not np.isfinite(value).all():
+                raise MeasurementError(name, value, f"must be finite, of shape {shape}")
+        q, v, tau = (np.array(part, dtype=float) for part in (q, v, tau))
+        return Measurement(float(t), q, v, tau=tau)
 
     def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
         """Return the middle sample, on cubics through the positions around it."""
@@ -626,9 +622,8 @@ class Estimator:
 
     def _believed(self, state: EstimatorState) -> _Belief:
         """Return the estimate of least squares near the description, with its covariance."""
-        physical, before = self._prior(state), state.belief
-        center = physical.center
-        T = self._T if state.load is self._usual else physical.local(center)[0]
+        center, before = self._prior(state).center, state.belief
+        T = self._T
         a, fitted = center if before is None else before.a, 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
