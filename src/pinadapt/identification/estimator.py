@@ -387,13 +387,12 @@ class Estimator:
         Raises:
             RobotError: an impossible load.
         """
-        load: np.ndarray | None = self._usual
-        if payload is not None:
-            placement = self.robot.model.frames[self.robot.frame_id].placement
-            load = placement.act(payload.spatial_inertia()).toDynamicParameters()
-            radius = EXPECTED * self.robot.reach
-            load = nearest_physical(load, least_radius=radius) if payload.present else None
-        return self._changed(state, load)
+        if payload is None:
+            return self._changed(state, self._usual)
+        placement = self.robot.model.frames[self.robot.frame_id].placement
+        load = placement.act(payload.spatial_inertia()).toDynamicParameters()
+        load = nearest_physical(load, least_radius=EXPECTED * self.robot.reach)
+        return self._changed(state, load if payload.present else None)
 
     def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
         """Return the state after a sample.
@@ -498,8 +497,7 @@ class Estimator:
             if other.belief is not None and self._agree(later, other.belief):
                 return self._accepted(other, later)
         if refused >= total:  # what was learned is contradicted for longer than it was supported
-            nothing = self._nothing
-            return self._accepted(state._replace(**nothing), later)
+            return self._accepted(state._replace(**self._nothing), later)
         return state
 
     def _accepted(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
@@ -559,8 +557,6 @@ class Estimator:
         B, near = self._B.copy(), len(self._near)
         if load is not None:
             B[self._own, self._load] = np.eye(PER_BODY)
-        if not near:
-            return B
         a = self._physical.center if a is None else a
         first, last = self._columns - self._dry.size, len(self.names)
         rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
@@ -588,9 +584,8 @@ class Estimator:
         self, state: EstimatorState, noise: np.ndarray, a: np.ndarray | None = None
     ) -> np.ndarray:
         """Return the products (p + 1, p + 1) of all equations, the last column being y."""
-        B, B_past = self._map(state.load, a), self._map(None, a)
-        M = B.T @ self._products(state, noise) @ B
-        return M + B_past.T @ state.past @ B_past if state.past.any() else M
+        B, past = self._map(state.load, a), self._map(None, a)
+        return B.T @ self._products(state, noise) @ B + past.T @ state.past @ past
 
     def _left(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return w (c + 1): [W y] w are the residuals of windows with the present load."""
@@ -654,9 +649,7 @@ class Estimator:
         """
         physical = self._prior(state)
         a, start = (physical.center, None) if near is None else (near.a, near.a)
-        noise = self._noise(state, a, 0.0)
-        if near is None and state.belief is not None:
-            noise = state.belief.noise
+        noise = self._noise(state, a, 0.0) if state.belief is None else state.belief.noise
         for _ in range(_ROUNDS):
             rows = _rows(self._equations(state, noise, a))
             a = start = self._bounded(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
@@ -669,13 +662,12 @@ class Estimator:
             value, gradient = of_load(self.robot, a[self._load])
             deviation = np.linalg.norm(gradient @ root[self._load], axis=1)
             load = PayloadEstimate.of(value, deviation)
-        deviations = np.linalg.norm(root, axis=1)
         return Estimate(
             self._robot(state, a),
             load,
             self.names,
             a,
-            deviations,
+            np.linalg.norm(root, axis=1),
             noise,
             self._advice(state, load, root, noise),
         )
