@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import CubicSpline
 
 import pinadapt as pa
 from benchmarks.standing import Sway
@@ -14,7 +15,7 @@ from pinadapt.identification.fits import Windows
 from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
 from pinadapt.tuning.unknowns import nominal_dynamics
-from tests.constraints.test_loops import gripper
+from tests.constraints.test_loops import five_bar, gripper
 from tests.constraints.test_standing import standing
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
@@ -223,3 +224,22 @@ def test_a_real_log_is_predicted_as_well_as_by_identify():
         windows = Windows.of(moved, Averages(moved.t, log.period), dynamics)
         errors.append(np.sqrt(np.mean(windows.between(split, np.inf).y ** 2)))
     assert errors[0] > 1.0 and errors[1] < 1.3 * 0.134  # that of identify
+
+
+def test_whatever_force_closes_a_loop_drops_out():
+    robot = five_bar()
+    true, data = robot.changed(payload=OTHER), robot.model.createData()
+    t, home = np.arange(0.0, 4.0, 4e-3), robot.position(robot.q0)
+    swing = 0.3 * np.sin(np.outer(t, [4.0, 6.0]))
+    path, q = [], robot.q0
+    for x in home + swing:
+        q = robot.at(q).configuration(x)
+        path.append(q)
+    curve = CubicSpline(t, np.array(path))
+    q, v, a = (curve(t, k) for k in range(3))
+    tau = np.array([pin.rnea(true.model, data, *one) for one in zip(q, v, a, strict=True)])
+    for k, force in enumerate(50.0 * np.cos(np.outer(t, [3.0, 5.0]))):
+        tau[k] += force @ robot.constrained.at(q[k], v[k])[0]
+    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
+    found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
+    assert found.mass == pytest.approx(OTHER.mass, rel=0.02)
