@@ -93,12 +93,12 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
         cells.append(
             [
                 f"{row['robot']}, {row['log']}",
-                *(f"{row[key]:.2g}" for key in ("described", "learned", "online")),
+                *(f"{row[key]:.2g}" for key in ("described", "learned")),
                 f"{row['mass']:.{places}f} ± {row['mass_known_to']:.1g} kg",
                 f"{1e3 * row['centre']:.1g} mm",
             ]
         )
-    head = ["log", "described", "identified", "online", "mass of the load", "error of its centre"]
+    head = ["log", "described", "identified", "mass of the load", "error of its centre"]
     return markdown(head, cells)
 
 
