@@ -195,6 +195,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
+        stated=weighed,
         intake=intakes[0],
     )
 

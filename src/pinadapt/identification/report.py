@@ -35,7 +35,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import Windows, lasting_noise
+from .fits import Windows, lasting_noise, torque_information
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck, beyond
@@ -122,6 +122,7 @@ class Identification(Printed):
         tested: names of the logs that were held out; empty where it is the last part of one log.
         load: estimated from this log and one without it; None without such a log.
         check: the comparison of the torques with the description, None where none were needed.
+        stated: equations that were stated beside the log, such as a total mass.
         intake: how the log was read.
     """
 
@@ -142,6 +143,7 @@ class Identification(Printed):
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
     check: TorqueCheck | None = None
+    stated: tuple[np.ndarray, np.ndarray] | None = None
     intake: ImportOptions = field(default_factory=ImportOptions)
 
     @property
@@ -168,14 +170,20 @@ class Identification(Printed):
     def payload(self) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
 
-        With a log of the arm without its load: the load that explains the difference.
+        With a log of the arm without its load: the load that explains the difference. The
+        uncertainty covers torque gains that are off by 10 % (one deviation), each by itself.
 
         Raises:
             ParameterError: the last body is not among the parameters.
         """
         if self.load is not None:
             return self.load
-        controller, found = self.estimator.controller, self.dynamic
+        controller, windows = self.estimator.controller, self.windows
+        if self.tested:
+            windows = windows.between(-np.inf, self.split)
+        found = torque_information(
+            self.dynamic.names, self.dynamic.estimate, windows, self.stated, gains=True
+        )
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
             return payload_of_uncertain_arm(controller, dynamics, found)
