@@ -35,7 +35,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import Windows, lasting_noise, torque_information
+from .fits import GAIN, Windows, lasting_noise, torque_information
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck, beyond
@@ -167,11 +167,14 @@ class Identification(Printed):
         """Return the estimates by name and their information, from which a controller can start."""
         return LearnedParameters.of(self.estimator.controller, self.state, rows=self.dynamic.R)
 
-    def payload(self) -> PayloadEstimate:
+    def payload(self, *, gain: float = GAIN) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
 
-        With a log of the arm without its load: the load that explains the difference. The
-        uncertainty covers torque gains that are off by 10 % (one deviation), each by itself.
+        With a log of the arm without its load: the load that explains the difference, as
+        ``identify`` found it with the default gain.
+
+        Args:
+            gain: deviation of the torques' gains from one; zero where they are exact.
 
         Raises:
             ParameterError: the last body is not among the parameters.
@@ -182,7 +185,7 @@ class Identification(Printed):
         if self.tested:
             windows = windows.between(-np.inf, self.split)
         found = torque_information(
-            self.dynamic.names, self.dynamic.estimate, windows, self.stated, gains=True
+            self.dynamic.names, self.dynamic.estimate, windows, self.stated, gain=gain
         )
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):

@@ -289,14 +289,12 @@ def _fit(
     Y, scale = _each(motion, model, pin.computeJointTorqueRegressor), _deviations(robot)
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
-    stretch = math.sqrt(max(len(tau) / _WORTH, 1.0))
     none, fit = np.zeros(len(scale)), bare
     for _ in range(2):
-        noise = stretch * np.hypot(fit.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
-        names = [""] * none.size
-        found = Information.of_rows(
-            names, none, rows[..., :-1], rows[..., -1], noise, 1.0
-        ).refined()
+        noise = math.sqrt(len(tau) / _WORTH) * np.hypot(fit.left, _LEAST_RESIDUAL)
+        noise *= rms(motion.tau, 0)
+        parts = rows[..., :-1], rows[..., -1], noise, 1.0
+        found = Information.of_rows([""] * none.size, none, *parts).refined()
         x = found.estimate
         fit = _compared(motion, tau - Y @ x, d)
     loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
@@ -312,8 +310,8 @@ def _deviations(robot: Robot) -> np.ndarray:
     from scipy.linalg import block_diag  # here, because scipy is slow to import
 
     bodies = physical_set(BodyDynamics(robot, ALL), robot)
-    usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
-    usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
+    radius = _HEAVIEST * robot.reach
+    usual = _HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
     return np.asarray(block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual)))
 
 
