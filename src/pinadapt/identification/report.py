@@ -181,12 +181,19 @@ class Identification(Printed):
         """
         if self.load is not None:
             return self.load
-        controller, windows = self.estimator.controller, self.windows
-        if self.tested:
-            windows = windows.between(-np.inf, self.split)
-        found = torque_information(
-            self.dynamic.names, self.dynamic.estimate, windows, self.stated, gain=gain
-        )
+        plain = self._load_of(self.dynamic)
+        if not gain:
+            return plain
+        windows = self.windows.between(-np.inf, self.split) if self.tested else self.windows
+        names, a = self.dynamic.names, self.dynamic.estimate
+        found = torque_information(names, a, windows, self.stated, gain=gain)
+        (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
+        known = np.hypot(known, np.hypot(other, value - own))
+        return PayloadEstimate.of(own, known, plain.explained)
+
+    def _load_of(self, found: Information) -> PayloadEstimate:
+        """Return the load that explains the change of the bodies, by their information."""
+        controller = self.estimator.controller
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
             return payload_of_uncertain_arm(controller, dynamics, found)

@@ -50,13 +50,17 @@ _VISIBLE = 0.05
 # In log(residual^2): by how much a mistake must be likelier than none. Half refuses quarters of
 # real logs, twice as much accepts a wrong sign.
 _SURELY = 1.15
-# Deviation of a described body in the divergence of ``physical_fit``: mass by 30 %. MEASURED
+# Deviation of a described body in the divergence of ``physical_fit``: 0.3 of its mass. Half takes a
+# UR10 for a UR5 and refuses an arm with a gripper. OFF_TWICE
 _OFF = 0.6
-# Independent rows a joint's torques are worth, as errors of a model last. MEASURED
+# Independent rows that the torques of a joint are worth, as errors of a model last. WORTH_MEASURED
 _WORTH = 5.0
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
+# [rad or m] of a position that is off. 20 degrees of a Panda show as 0.17 to 0.5: twice misses
+# some, half changes no verdict on the logs.
+_LEAST_ANGLE = 0.1
 _EPS = np.finfo(float).eps
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 
@@ -381,6 +385,8 @@ def _mistakes(
             both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
             slope, rest = (both / noise[:, None]).T
             off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
+        if abs(off[j]) < _LEAST_ANGLE:
+            continue
         cause = f"the position of {name} is off; --offset {name}={off[j]:.3g}"
         yield cause, motion._replace(q=motion.q + off), {}
     factors = bare.factor[bare.judged & (np.abs(bare.correlation) >= _CLEAR)]
