@@ -392,7 +392,8 @@ def _mistakes(
         cause = f"the position of {name} is off; --offset {name}={off[j]:.3g}"
         yield cause, motion._replace(q=motion.q + off), {}
     # a load raises factors, up to twice
-    factors = bare.factor[bare.judged & (np.abs(bare.correlation) >= _CLEAR)]
+    clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
+    factors = bare.factor[clear]
     if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1] ** 2:
         common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
         cause = (
@@ -400,7 +401,8 @@ def _mistakes(
             f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
             "the data sheet's gains"
         )
-        yield cause, motion._replace(tau=motion.tau / common), {}
+        gains = np.where(clear, bare.factor, common)  # motors may be unlike
+        yield cause, motion._replace(tau=motion.tau / gains), {}
 
 
 def _mountings(robot: Robot) -> Iterator[np.ndarray]:
