@@ -65,7 +65,7 @@ def identified(name: str, log: str) -> pa.Identification:
 def measure(robot: str, log: str) -> dict[str, Any]:
     """Return the errors of the torques [N m], of the load [kg, m] and of the tool [m]."""
     found = identified(robot, log)
-    errors, load = found.torque_errors, found.payload()
+    errors, load = found.torque_errors, found.payload(gain=0.0)
     tool = pa.load(robot).changed(tool_translation=TOOL)
     missed = found.robot.position(tool.q0) - tool.position(tool.q0)
     return {

@@ -201,6 +201,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
+        stated=weighed,
         intake=intakes[0],
     )
 
@@ -249,7 +250,7 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
-        LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
+        LogError: as ``read_log``.
     """
     robot = intake.mounted(robot)
     log = read_log(source, robot, intake=intake)
