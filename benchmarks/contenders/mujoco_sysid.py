@@ -1,0 +1,157 @@
+"""MuJoCo's system identification, ``mujoco.sysid``, of bodies and joints from torques.
+
+It needs ``pip install "mujoco[sysid]"``. Measured with 3.17.0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from pinadapt.models.bodies import COLUMNS
+
+from .estimation import Estimates, LearningProblem
+
+_OFFSET = "offset"
+_SIGNALS = "t", "q", "v", "a", "tau"
+_PER_WINDOW = 8  # samples taken in a window, whose band is 1.3 over its length
+_MOST = 100.0  # typical coefficients of a joint that its bounds allow
+_JOINTS = {"armature": "armature", "viscous": "damping", "coulomb": "frictionloss"}
+
+
+def mujoco_sysid(problem: LearningProblem) -> Estimates:
+    """Return what ``mujoco.sysid.optimize`` finds, with its defaults.
+
+    Parameters are the pseudo-inertias of all bodies, within the default bounds, and armature,
+    damping and friction loss of the joints and an offset of their torque sensors. The model cannot
+    be rolled out along tens of seconds of recorded torques, in which it would fall, so the
+    prediction is by ``mj_inverse``: torques at the measured q, v and a, eight samples a window.
+
+    Args:
+        problem: the motion and the model.
+    """
+    import mujoco
+    from mujoco import sysid
+
+    thin = max(int(problem.windows.length / (_PER_WINDOW * problem.learned.period)), 1)
+    learned, dynamics = problem.learned, problem.dynamics
+    motion = learned._replace(**{part: getattr(learned, part)[::thin] for part in _SIGNALS})
+    names, physical = problem.robot.joint_names, problem.physical
+    robot = dynamics.robot(physical.center, problem.robot)
+    spec = mujoco.MjSpec.from_string(robot.mjcf())
+    spec.compiler.balanceinertia = spec.compiler.boundmass = 0
+    for name in names:
+        joint = spec.joint(name)
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        spec.add_sensor(
+            name=f"{name}_torque",
+            type=mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=name,
+        )
+    model, carriers = spec.compile(), [spec.joint(name).parent.name for name in names]
+    parameters = sysid.ParameterDict()
+    for carrier in carriers:
+        kind, write = sysid.InertiaType.Pseudo, _body_writer(carrier)
+        one = sysid.body_inertia_param(spec, model, carrier, inertia_type=kind, modifier=write)
+        parameters.add(one)
+    typical = dict(zip(dynamics.names, dynamics.typical, strict=True))
+    start = dict(zip(dynamics.names, dynamics.initial, strict=True))
+    for name in names:
+        for ours, theirs in _JOINTS.items():
+            word = f"{name}.{ours}"
+            most, write_one = _MOST * typical[word], _writer(name, theirs)
+            parameters.add(sysid.Parameter(word, start[word], 0.0, most, modifier=write_one))
+    most = _MOST * np.array([typical[f"{name}.{_OFFSET}"] for name in names])
+    parameters.add(sysid.Parameter(_OFFSET, np.zeros(len(names)), -most, most))
+    sequence = sysid.ModelSequences(
+        "robot",
+        spec,
+        "log",
+        sysid.create_initial_state(model, motion.q[0], motion.v[0]),
+        sysid.TimeSeries.from_control_names(motion.t, motion.tau, model),
+        sysid.TimeSeries.from_names(motion.t, motion.tau, model),
+    )
+
+    def predicted(
+        models: Sequence[Any],
+        datas: Sequence[Any],
+        control_signal: Sequence[Any],
+        initial_states: Sequence[np.ndarray],
+        param_dicts: Sequence[Any],
+        rollout_signal_mapping: Any,
+        rollout_state_mapping: Any,
+        ctrl_mapping: Any,
+    ) -> list[Any]:
+        """Return the torques at all samples but the first, as of a rollout."""
+        found, t, data = [], motion.t[1:], datas[0]
+        state = np.column_stack([motion.t, motion.q, motion.v])[1:]
+        for one, values, control in zip(models, param_dicts, control_signal, strict=True):
+            tau = np.empty((len(t), len(names)))
+            mujoco.mj_resetData(one, data)
+            for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+                if k:
+                    data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+                    mujoco.mj_inverse(one, data)
+                    tau[k - 1] = data.qfrc_inverse
+            found.append(
+                sysid.SystemTrajectory(
+                    model=one,
+                    control=control,
+                    sensordata=sysid.TimeSeries(
+                        t, tau + values[_OFFSET].value, rollout_signal_mapping
+                    ),
+                    initial_state=initial_states[0],
+                    state=sysid.TimeSeries(t, state, rollout_state_mapping),
+                )
+            )
+        return found
+
+    residual = sysid.build_residual_fn(
+        models_sequences=[sequence], custom_rollout=predicted, resample_true=False
+    )
+    started = process_time()
+    with redirect_stdout(StringIO()):
+        found, _ = sysid.optimize(parameters, residual, verbose=False)
+    seconds = process_time() - started
+    inverse, a = np.linalg.pinv(COLUMNS), list[float]()
+    for carrier in carriers:
+        theta = found[f"{carrier}_inertia"].value
+        J = sysid.model_modifier.pseudoinertia_from_pi(sysid.model_modifier.pi_from_theta(theta))
+        a += list(J.ravel() @ inverse)
+    for word in dynamics.names[len(a) :]:
+        name, _, kind = word.rpartition(".")
+        values = found[_OFFSET].value[names.index(name)] if kind == _OFFSET else found[word].value
+        a.append(float(np.squeeze(values)))
+    return Estimates(motion.t[-1:], np.array(a)[None], seconds)
+
+
+def _body_writer(name: str) -> Callable[[Any, Any], None]:
+    """Return the modifier of a body; that of 3.17.0 writes a quaternion that does not compile."""
+    from mujoco.sysid import model_modifier
+
+    def write(spec: Any, parameter: Any) -> None:
+        pi, body = model_modifier.pi_from_theta(parameter.value), spec.body(name)
+        cross = model_modifier.skew(pi[1:4] / pi[0])
+        inertia = pi[4:].reshape(3, 3) + pi[0] * cross @ cross
+        body.mass, body.ipos, body.iquat = pi[0], pi[1:4] / pi[0], [1.0, 0.0, 0.0, 0.0]
+        body.inertia = np.zeros(3)
+        body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+    return write
+
+
+def _writer(joint: str, attribute: str) -> Callable[[Any, Any], None]:
+    """Return the modifier of an attribute of a joint."""
+
+    def write(spec: Any, parameter: Any) -> None:
+        held = getattr(spec.joint(joint), attribute)  # damping is a polynomial, viscous first
+        value = parameter.value[0] * np.eye(1, np.size(held)).reshape(np.shape(held))
+        setattr(spec.joint(joint), attribute, value if np.ndim(held) else float(value))
+
+    return write

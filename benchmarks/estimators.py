@@ -1,0 +1,150 @@
+"""Estimators of dynamics against each other, on logs of real arms and on simulated motions.
+
+``make estimators.table`` runs the sweep ``estimators.toml`` and writes ``estimators.csv``. The logs
+are those of ``real_logs.py``, in the folder that ``REAL_LOGS`` names. All contenders get the same
+samples of the first three quarters and, but for the default ``identify``, the same model: bodies,
+rotors, viscous and Coulomb friction, constant torques. The rest of the log is held out.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+import pinadapt as pa
+from pinadapt.identification.fits import Windows
+from pinadapt.identification.identification import log_and_robot
+from pinadapt.identification.logged_motion import motion_of_log
+from pinadapt.information.measured_motion import Averages
+from pinadapt.logs.import_options import ImportOptions
+from pinadapt.tasks.task import JointTask
+from pinadapt.tuning.unknowns import nominal_dynamics
+
+from .contenders.estimation import Estimates, LearningProblem
+from .contenders.figaroh_fit import figaroh_fit
+from .contenders.kalman_filter import kalman_filter
+from .contenders.mujoco_sysid import mujoco_sysid
+from .contenders.recursive_least_squares import recursive_least_squares
+from .identification import LOAD, with_noise
+from .real_logs import _logs_of
+from .timing import markdown
+
+SAME = pa.Unknown(friction=True, armature=True, effects=("offset",))
+HELD_OUT = 0.25
+CARRIED = 5.0, 10.0, 15.0  # [s] a load comes, goes, and the held-out part begins
+# What is tried, the best one held out counts: memory [s]; deviation of bodies at the start, and
+# what they gain in a second.
+MEMORIES = np.inf, 10.0, 3.0, 1.0, 0.3
+SPREADS = [(deviation, walk) for deviation in (0.03, 0.1, 0.3) for walk in (0.0, 0.01, 0.1)]
+SIMULATED = "load", "load that comes and goes"
+
+
+def problem_of(log: pa.Log, robot: pa.Robot) -> LearningProblem:
+    """Return what can be learned from a log of a robot as described."""
+    robot = replace(robot, task=JointTask.of_joints(robot.model))
+    motion = motion_of_log(robot, log)
+    dynamics = nominal_dynamics(robot, replace(SAME, tool=False), ())
+    windows = Windows.of(motion, Averages(motion.t, log.period), dynamics)
+    split = float(motion.t[-1] - HELD_OUT * (motion.t[-1] - motion.t[0]))
+    return LearningProblem(log, robot, motion, dynamics, windows, split)
+
+
+@lru_cache(maxsize=1)
+def problem(name: str) -> LearningProblem:
+    """Return the problem of a real log or of a simulated motion."""
+    if name in SIMULATED:
+        return problem_of(*simulated(comes_and_goes=name != SIMULATED[0]))
+    ((_, file, robot),) = _logs_of(Path(os.environ["REAL_LOGS"]), [name])
+    return problem_of(*log_and_robot(file, robot, ImportOptions.of(ImportOptions.beside(file))))
+
+
+def simulated(*, comes_and_goes: bool) -> tuple[pa.Log, pa.Robot]:
+    """Return a noisy log of a Panda with friction and a load, and the robot as described."""
+    robot = pa.load("panda")
+    bare = robot.changed(viscous=0.5, coulomb=0.8, armature=0.05)
+    loaded = bare.changed(payload=LOAD)
+    path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.2, 0.12], [3, 4, 5], 8.0)
+    options: dict[str, Any] = {"duration": 14.0}
+    if comes_and_goes:
+        on, off, split = CARRIED
+        events = pa.Events({on: loaded, off: bare})
+        options = {"duration": split / (1.0 - HELD_OUT), "events": events}
+    true = bare if comes_and_goes else loaded
+    run = pa.simulate(true, pa.make_controller(robot), path.as_given(), **options)
+    return replace(with_noise(run, robot), x=None, x_time=None), robot
+
+
+# --- contenders ---
+
+
+def identified(at: LearningProblem) -> Estimates:
+    """Return what ``identify`` finds with the model of the others."""
+    started = process_time()
+    found = pa.identify(at.log, at.robot, unknown=SAME, progress=False)
+    seconds = process_time() - started
+    assert found.estimator.controller.dynamics.names == at.dynamics.names
+    return Estimates(np.array([at.split]), found.before_split[None], seconds)
+
+
+def best(
+    at: LearningProblem, estimate: Callable[..., Estimates], settings: Sequence[tuple[float, ...]]
+) -> tuple[tuple[float, ...], Estimates]:
+    """Return the setting of an estimator with the least held-out error, and its estimates."""
+    tried = [(setting, estimate(at, *setting)) for setting in settings]
+    return min(tried, key=lambda one: at.rms(one[1].at(at.split)))
+
+
+def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates]:
+    """Return the setting of a contender, and its estimates."""
+    if contender == "recursive least squares":
+        (memory,), found = best(at, recursive_least_squares, [(memory,) for memory in MEMORIES])
+        return f"memory {memory:g} s", found
+    if contender == "extended Kalman filter":
+        (deviation, walk), found = best(at, kalman_filter, SPREADS)
+        return f"deviation {deviation:g}, walk {walk:g}", found
+    simple: dict[str, Callable[[LearningProblem], Estimates]] = {
+        "figaroh, base parameters": figaroh_fit,
+        "figaroh, physical": lambda at: figaroh_fit(at, "physical_fit"),
+        "MuJoCo sysid": mujoco_sysid,
+        "identify, same model": identified,
+    }
+    return "", simple[contender](at)
+
+
+def measure(log: str, contender: str) -> dict[str, Any]:
+    """Return held-out error [N m], load [kg], bodies that are not physical, and time [s]."""
+    at = problem(log)
+    samples = len(at.learned.t)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if contender == "identify":
+            started = process_time()
+            whole = pa.identify(at.log, at.robot, progress=False)
+            seconds = process_time() - started
+            error = float(np.sqrt(np.mean(whole.torque_errors.learned_held_out**2)))
+            size = at.dynamics.inertial.size
+            a = np.append(whole.before_split[:size], np.zeros(at.dynamics.size - size))
+            setting, found = "", Estimates(np.array([at.split]), a[None], seconds)
+        else:
+            setting, found = estimates(at, contender)
+            error = at.rms(found.at(at.split))
+    at_end = found.at(at.split)
+    row: dict[str, Any] = {
+        "rms": error,
+        "setting": setting,
+        "unphysical": at.unphysical(at_end),
+        "bodies": at.physical.bodies,
+        "seconds": found.seconds,
+        "samples": samples,
+        "load": at.load(at_end) if log in SIMULATED else None,
+        "load_on": at.load(found.at(CARRIED[1] - 0.02)) if log == SIMULATED[1] else None,
+    }
+    return row
