@@ -34,7 +34,7 @@ from .contenders.kalman_filter import kalman_filter
 from .contenders.mujoco_sysid import mujoco_sysid
 from .contenders.recursive_least_squares import recursive_least_squares
 from .identification import LOAD, with_noise
-from .real_logs import _logs_of
+from .real_logs import NAMES, _logs_of
 from .timing import markdown
 
 SAME = pa.Unknown(friction=True, armature=True, effects=("offset",))
@@ -42,7 +42,7 @@ HELD_OUT = 0.25
 CARRIED = 5.0, 10.0, 15.0  # [s] a load comes, goes, and the held-out part begins
 # What is tried, the best one held out counts: memory [s]; deviation of bodies at the start, and
 # what they gain in a second.
-MEMORIES = np.inf, 10.0, 3.0, 1.0, 0.3
+MEMORIES = [(memory,) for memory in (np.inf, 10.0, 3.0, 1.0, 0.3)]
 SPREADS = [(deviation, walk) for deviation in (0.03, 0.1, 0.3) for walk in (0.0, 0.01, 0.1)]
 SIMULATED = "load", "load that comes and goes"
 
@@ -85,13 +85,17 @@ def simulated(*, comes_and_goes: bool) -> tuple[pa.Log, pa.Robot]:
 # --- contenders ---
 
 
-def identified(at: LearningProblem) -> Estimates:
-    """Return what ``identify`` finds with the model of the others."""
+def identified(at: LearningProblem, unknown: pa.Unknown | None) -> tuple[Estimates, float]:
+    """Return what ``identify`` finds, and its error; with effects of its own choice by default."""
     started = process_time()
-    found = pa.identify(at.log, at.robot, unknown=SAME, progress=False)
+    found = pa.identify(at.log, at.robot, unknown=unknown, progress=False)
     seconds = process_time() - started
-    assert found.estimator.controller.dynamics.names == at.dynamics.names
-    return Estimates(np.array([at.split]), found.before_split[None], seconds)
+    size = at.dynamics.inertial.size
+    a = found.before_split
+    if unknown is None:  # the effects of the joints are others
+        a = np.append(a[:size], at.dynamics.initial[size:])
+    error = float(np.sqrt(np.mean(found.torque_errors.learned_held_out**2)))
+    return Estimates(np.array([at.split]), a[None], seconds), error
 
 
 def best(
@@ -102,49 +106,82 @@ def best(
     return min(tried, key=lambda one: at.rms(one[1].at(at.split)))
 
 
-def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates]:
-    """Return the setting of a contender, and its estimates."""
+def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates, float]:
+    """Return the setting of a contender, its estimates and its held-out error [N m].
+
+    Raises:
+        ValueError: it has none.
+    """
+    if contender == "identify":
+        return "", *identified(at, None)
+    note = ""
     if contender == "recursive least squares":
-        (memory,), found = best(at, recursive_least_squares, [(memory,) for memory in MEMORIES])
-        return f"memory {memory:g} s", found
-    if contender == "extended Kalman filter":
+        (memory,), found = best(at, recursive_least_squares, MEMORIES)
+        note = f"memory {memory:g} s"
+    elif contender == "extended Kalman filter":
         (deviation, walk), found = best(at, kalman_filter, SPREADS)
-        return f"deviation {deviation:g}, walk {walk:g}", found
-    simple: dict[str, Callable[[LearningProblem], Estimates]] = {
-        "figaroh, base parameters": figaroh_fit,
-        "figaroh, physical": lambda at: figaroh_fit(at, "physical_fit"),
-        "MuJoCo sysid": mujoco_sysid,
-        "identify, same model": identified,
-    }
-    return "", simple[contender](at)
+        note = f"deviation {deviation:g}, walk {walk:g}"
+    else:
+        simple: dict[str, Callable[[LearningProblem], Estimates]] = {
+            "figaroh, base parameters": figaroh_fit,
+            "figaroh, physical": lambda at: figaroh_fit(at, "physical_fit"),
+            "MuJoCo sysid": mujoco_sysid,
+            "identify, same model": lambda at: identified(at, SAME)[0],
+        }
+        found = simple[contender](at)
+    return note, found, at.rms(found.at(at.split))
 
 
 def measure(log: str, contender: str) -> dict[str, Any]:
-    """Return held-out error [N m], load [kg], bodies that are not physical, and time [s]."""
+    """Return held-out error [N m], load [kg], bodies that are not physical, and time [s].
+
+    ``note``: the setting that is best held out, or why there is no estimate.
+    """
     at = problem(log)
-    samples = len(at.learned.t)
+    row: dict[str, Any] = dict.fromkeys(["rms", "unphysical", "cpu", "load_on", "load"])
+    row |= {"note": "", "bodies": at.physical.bodies, "samples": len(at.learned.t)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if contender == "identify":
-            started = process_time()
-            whole = pa.identify(at.log, at.robot, progress=False)
-            seconds = process_time() - started
-            error = float(np.sqrt(np.mean(whole.torque_errors.learned_held_out**2)))
-            size = at.dynamics.inertial.size
-            a = np.append(whole.before_split[:size], np.zeros(at.dynamics.size - size))
-            setting, found = "", Estimates(np.array([at.split]), a[None], seconds)
-        else:
-            setting, found = estimates(at, contender)
-            error = at.rms(found.at(at.split))
+        try:
+            row["note"], found, row["rms"] = estimates(at, contender)
+        except ValueError as error:
+            return row | {"note": str(error)}
     at_end = found.at(at.split)
-    row: dict[str, Any] = {
-        "rms": error,
-        "setting": setting,
-        "unphysical": at.unphysical(at_end),
-        "bodies": at.physical.bodies,
-        "seconds": found.seconds,
-        "samples": samples,
-        "load": at.load(at_end) if log in SIMULATED else None,
-        "load_on": at.load(found.at(CARRIED[1] - 0.02)) if log == SIMULATED[1] else None,
-    }
+    row |= {"unphysical": at.unphysical(at_end), "cpu": found.seconds}
+    if log in SIMULATED:
+        row["load"] = at.load(at_end)
+    if log == SIMULATED[1]:
+        row["load_on"] = at.load(found.at(CARRIED[1] - 0.02))
     return row
+
+
+# --- tables ---
+
+ONLINE = "recursive least squares", "extended Kalman filter", "Estimator"
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return errors and loads, by contender."""
+    by_case = {(row["contender"], row["log"]): row for row in rows}
+    cells = []
+    for contender in dict.fromkeys(row["contender"] for row in rows):
+        own = {log: row for (one, log), row in by_case.items() if one == contender}
+        done = [row for row in own.values() if row["rms"] is not None]
+        line = [contender]
+        for row in own.values():
+            words = "-" if row["rms"] is None else f"{row['rms']:.3g}"
+            masses = [row[key] for key in ("load_on", "load") if row[key] is not None]
+            line.append(" / ".join([words, *(f"{mass:.2f}" for mass in masses)]))
+        worst = max(done, key=lambda row: row["unphysical"] / row["bodies"])
+        line.append(f"{worst['unphysical']} of {worst['bodies']}" if worst["unphysical"] else "0")
+        timed = own[SIMULATED[0]]
+        each = 1e3 * timed["cpu"] / timed["samples"] if timed["cpu"] else 0.0
+        line.append(
+            f"{each:.2g} ms a sample"
+            if contender in ONLINE
+            else f"{1e-3 * each * timed['samples']:.2g} s"
+        )
+        cells.append(line)
+    head = ["estimator", *(NAMES[log] for log in ("panda", "ur10", "tx40", "tiago"))]
+    head += ["load: error / kg", "comes and goes: error / kg, kg", "not physical", "time"]
+    return markdown(head, cells)

@@ -1,4 +1,4 @@
-"""What estimators of dynamics learn from: one motion, one model that is linear in its parameters."""
+"""What estimators of dynamics learn from: a motion and a model linear in its parameters."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from scipy.signal import butter, sosfiltfilt
 
 import pinadapt as pa
 from pinadapt.identification.fits import Windows, noise_levels
-from pinadapt.information.measured_motion import MeasuredMotion
+from pinadapt.information.measured_motion import CUTOFF, MeasuredMotion
 from pinadapt.models.physical_fit import PhysicalSet, physical_set
 from pinadapt.models.regressor import PER_BODY
 
-# Cutoff of a low pass, relative to one over the length of a window, which there is at half. With
-# 0.8 and 2.6 recursive least squares err 81 and 59 % more on a log of 30 Hz, on one of 125 Hz alike.
+# Periods in that of the filter of positions, above which their derivatives are mostly noise: of
+# the logs, that of 30 Hz.
+_SLOW = 0.25
+# Cutoff for them, relative to one over the length of a window, which there is at half. Half and
+# twice: recursive least squares err 81 and 59 % more on a log of 30 Hz; without it 112 %.
 _BAND = 1.3
 # Least eigenvalue of a physical pseudo-inertia, relative to its largest: one on the border passes,
 # as solvers find it.
@@ -47,20 +50,22 @@ class LearningProblem:
 
     @cached_property
     def learned(self) -> MeasuredMotion:
-        """The motion before the split, at even times, for who needs accelerations.
+        """The motion before the split, for who needs accelerations.
 
-        Positions and torques pass the same low pass without delay, in the band of the windows;
-        velocities and accelerations are derivatives of splines through the positions.
+        Where the log is slow, positions and torques pass the same low pass without delay, in the
+        band of the windows, and velocities and accelerations are derivatives of splines.
         """
         motion = self.motion
-        t, period = np.linspace(motion.t[0], motion.t[-1], len(motion.t), retstep=True)
-        low_pass = butter(4, _BAND / self.windows.length, fs=1.0 / period, output="sos")
-        q, tau = (
-            CubicSpline(t, sosfiltfilt(low_pass, CubicSpline(motion.t, part)(t), axis=0))
-            for part in (motion.q, motion.tau)
-        )
-        t = t[t < self.split]
-        return MeasuredMotion(t, q(t), q(t, 1), q(t, 2), tau(t), True)
+        if motion.period > _SLOW / CUTOFF:
+            t, period = np.linspace(motion.t[0], motion.t[-1], len(motion.t), retstep=True)
+            low_pass = butter(4, _BAND / self.windows.length, fs=1.0 / period, output="sos")
+            q, tau = (
+                CubicSpline(t, sosfiltfilt(low_pass, CubicSpline(motion.t, part)(t), axis=0))
+                for part in (motion.q, motion.tau)
+            )
+            motion = MeasuredMotion(t, q(t), q(t, 1), q(t, 2), tau(t), True)
+        first = motion.t < self.split
+        return MeasuredMotion(*(part[first] for part in motion[:-1]), motion.smoothed)
 
     @cached_property
     def first(self) -> Windows:

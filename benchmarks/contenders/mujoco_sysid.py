@@ -18,9 +18,9 @@ from pinadapt.models.bodies import COLUMNS
 from .estimation import Estimates, LearningProblem
 
 _OFFSET = "offset"
-_SIGNALS = "t", "q", "v", "a", "tau"
-_PER_WINDOW = 8  # samples taken in a window, whose band is 1.3 over its length
-_MOST = 100.0  # typical coefficients of a joint that its bounds allow
+_ITERATIONS = 50  # a quarter of the default, which XX
+_PER_WINDOW = 8  # means of samples in a window, whose band is 1.3 over its length
+_MOST = 30.0  # typical coefficients of a joint that its bounds allow
 _JOINTS = {"armature": "armature", "viscous": "damping", "coulomb": "frictionloss"}
 
 
@@ -30,7 +30,7 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     Parameters are the pseudo-inertias of all bodies, within the default bounds, and armature,
     damping and friction loss of the joints and an offset of their torque sensors. The model cannot
     be rolled out along tens of seconds of recorded torques, in which it would fall, so the
-    prediction is by ``mj_inverse``: torques at the measured q, v and a, eight samples a window.
+    prediction is by ``mj_inverse``: torques at the measured q, v and a, eight means a window.
 
     Args:
         problem: the motion and the model.
@@ -38,9 +38,12 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     import mujoco
     from mujoco import sysid
 
-    thin = max(int(problem.windows.length / (_PER_WINDOW * problem.learned.period)), 1)
-    learned, dynamics = problem.learned, problem.dynamics
-    motion = learned._replace(**{part: getattr(learned, part)[::thin] for part in _SIGNALS})
+    dynamics, motion = problem.dynamics, problem.learned
+    thin = max(int(problem.windows.length / (_PER_WINDOW * motion.period)), 1)
+    t, q, v, a, tau = (
+        part[: len(part) // thin * thin].reshape(-1, thin, *part.shape[1:]).mean(axis=1)
+        for part in motion[:-1]
+    )
     names, physical = problem.robot.joint_names, problem.physical
     robot = dynamics.robot(physical.center, problem.robot)
     spec = mujoco.MjSpec.from_string(robot.mjcf())
@@ -73,9 +76,9 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
         "robot",
         spec,
         "log",
-        sysid.create_initial_state(model, motion.q[0], motion.v[0]),
-        sysid.TimeSeries.from_control_names(motion.t, motion.tau, model),
-        sysid.TimeSeries.from_names(motion.t, motion.tau, model),
+        sysid.create_initial_state(model, q[0], v[0]),
+        sysid.TimeSeries.from_control_names(t, tau, model),
+        sysid.TimeSeries.from_names(t, tau, model),
     )
 
     def predicted(
@@ -84,32 +87,23 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
         control_signal: Sequence[Any],
         initial_states: Sequence[np.ndarray],
         param_dicts: Sequence[Any],
-        rollout_signal_mapping: Any,
-        rollout_state_mapping: Any,
-        ctrl_mapping: Any,
+        **mappings: Any,
     ) -> list[Any]:
         """Return the torques at all samples but the first, as of a rollout."""
-        found, t, data = [], motion.t[1:], datas[0]
-        state = np.column_stack([motion.t, motion.q, motion.v])[1:]
+        data, found = datas[0], []
+        state = sysid.TimeSeries(
+            t[1:], np.column_stack([t, q, v])[1:], mappings["rollout_state_mapping"]
+        )
         for one, values, control in zip(models, param_dicts, control_signal, strict=True):
-            tau = np.empty((len(t), len(names)))
             mujoco.mj_resetData(one, data)
-            for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-                if k:
-                    data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
-                    mujoco.mj_inverse(one, data)
-                    tau[k - 1] = data.qfrc_inverse
-            found.append(
-                sysid.SystemTrajectory(
-                    model=one,
-                    control=control,
-                    sensordata=sysid.TimeSeries(
-                        t, tau + values[_OFFSET].value, rollout_signal_mapping
-                    ),
-                    initial_state=initial_states[0],
-                    state=sysid.TimeSeries(t, state, rollout_state_mapping),
-                )
-            )
+            torque = np.empty((len(t) - 1, len(names)))
+            for k in range(1, len(t)):
+                data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
+                mujoco.mj_inverse(one, data)
+                torque[k - 1] = data.qfrc_inverse
+            torque += values[_OFFSET].value
+            sensed = sysid.TimeSeries(t[1:], torque, mappings["rollout_signal_mapping"])
+            found.append(sysid.SystemTrajectory(one, control, sensed, initial_states[0], state))
         return found
 
     residual = sysid.build_residual_fn(
@@ -117,18 +111,18 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     )
     started = process_time()
     with redirect_stdout(StringIO()):
-        found, _ = sysid.optimize(parameters, residual, verbose=False)
+        found, _ = sysid.optimize(parameters, residual, verbose=False, max_iters=_ITERATIONS)
     seconds = process_time() - started
-    inverse, a = np.linalg.pinv(COLUMNS), list[float]()
+    inverse, parts = np.linalg.pinv(COLUMNS), list[float]()
     for carrier in carriers:
         theta = found[f"{carrier}_inertia"].value
         J = sysid.model_modifier.pseudoinertia_from_pi(sysid.model_modifier.pi_from_theta(theta))
-        a += list(J.ravel() @ inverse)
-    for word in dynamics.names[len(a) :]:
+        parts += list(J.ravel() @ inverse)
+    for word in dynamics.names[len(parts) :]:
         name, _, kind = word.rpartition(".")
         values = found[_OFFSET].value[names.index(name)] if kind == _OFFSET else found[word].value
-        a.append(float(np.squeeze(values)))
-    return Estimates(motion.t[-1:], np.array(a)[None], seconds)
+        parts.append(float(np.squeeze(values)))
+    return Estimates(t[-1:], np.array(parts)[None], seconds)
 
 
 def _body_writer(name: str) -> Callable[[Any, Any], None]:
