@@ -25,6 +25,8 @@ from pinadapt.identification.identification import log_and_robot
 from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
 from pinadapt.logs.import_options import ImportOptions
+from pinadapt.models.regressor import inertial_parameters
+from pinadapt.records import Measurement
 from pinadapt.tasks.task import JointTask
 from pinadapt.tuning.unknowns import nominal_dynamics
 
@@ -98,6 +100,33 @@ def identified(at: LearningProblem, unknown: pa.Unknown | None) -> tuple[Estimat
     return Estimates(np.array([at.split]), a[None], seconds), error
 
 
+def estimated(at: LearningProblem) -> tuple[Estimates, float]:
+    """Return what the ``Estimator`` finds sample by sample, and its error."""
+    motion, stops = at.motion, [CARRIED[1] - 0.02, np.inf]
+    samples = [
+        Measurement(t, q, v, tau=tau)
+        for t, q, v, tau in zip(motion.t, motion.q, motion.v, motion.tau, strict=True)
+        if t < at.split
+    ]
+    started = process_time()
+    estimator = pa.Estimator(at.robot, period=at.log.period, held=False)
+    state, found = estimator.init(samples[0]), []
+    for sample in samples[1:]:
+        if sample.t >= stops[0]:
+            stops.pop(0)
+            found.append((state.t, estimator.estimate(state)))
+        state = estimator.step(state, sample)
+    found.append((state.t, estimator.estimate(state)))
+    seconds = process_time() - started
+    a = [
+        np.append(inertial_parameters(one.model), at.dynamics.initial[at.dynamics.inertial.size :])
+        for _, one in found
+    ]
+    masses = [0.0 if one.load is None else one.load.mass for _, one in found]
+    t = np.array([t for t, _ in found])
+    return Estimates(t, np.array(a), seconds, np.array(masses)), at.rms_of(found[-1][1].robot)
+
+
 def best(
     at: LearningProblem, estimate: Callable[..., Estimates], settings: Sequence[tuple[float, ...]]
 ) -> tuple[tuple[float, ...], Estimates]:
@@ -114,6 +143,8 @@ def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates, floa
     """
     if contender == "identify":
         return "", *identified(at, None)
+    if contender == "Estimator":
+        return "", *estimated(at)
     note = ""
     if contender == "recursive least squares":
         (memory,), found = best(at, recursive_least_squares, MEMORIES)
@@ -149,9 +180,9 @@ def measure(log: str, contender: str) -> dict[str, Any]:
     at_end = found.at(at.split)
     row |= {"unphysical": at.unphysical(at_end), "cpu": found.seconds}
     if log in SIMULATED:
-        row["load"] = at.load(at_end)
+        row["load"] = found.load(at, at.split)
     if log == SIMULATED[1]:
-        row["load_on"] = at.load(found.at(CARRIED[1] - 0.02))
+        row["load_on"] = found.load(at, CARRIED[1] - 0.02)
     return row
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,9 +12,10 @@ from scipy.signal import butter, sosfiltfilt
 
 import pinadapt as pa
 from pinadapt.identification.fits import Windows, noise_levels
-from pinadapt.information.measured_motion import CUTOFF, MeasuredMotion
+from pinadapt.information.measured_motion import CUTOFF, Averages, MeasuredMotion
 from pinadapt.models.physical_fit import PhysicalSet, physical_set
 from pinadapt.models.regressor import PER_BODY
+from pinadapt.tuning.unknowns import nominal_dynamics
 
 # Periods in that of the filter of positions, above which their derivatives are mostly noise: of
 # the logs, that of 30 Hz.
@@ -92,6 +93,13 @@ class LearningProblem:
         left = self.windows.between(self.split, np.inf).residual(a)
         return float(np.sqrt(np.mean(left**2)))
 
+    def rms_of(self, robot: pa.Robot) -> float:
+        """Return the held-out error of the torques of a robot [N m]."""
+        nothing = pa.Unknown(bodies="none", friction=False, armature=False)
+        dynamics = nominal_dynamics(replace(robot, task=self.robot.task), nothing, ())
+        windows = Windows.of(self.motion, Averages(self.motion.t, self.log.period), dynamics)
+        return float(np.sqrt(np.mean(windows.between(self.split, np.inf).y ** 2)))
+
     def unphysical(self, a: np.ndarray) -> int:
         """Return how many bodies at parameters a (p) no distribution of mass has."""
         values = np.linalg.eigvalsh(self.physical.matrices(a))
@@ -117,12 +125,23 @@ class Estimates(NamedTuple):
         t: (K) times [s]; of an estimate from the whole learning part, its end.
         a: (K, p) parameters.
         seconds: of the processor.
+        masses: (K) of the load, where the estimator has one of its own [kg].
     """
 
     t: np.ndarray
     a: np.ndarray
     seconds: float
+    masses: np.ndarray | None = None
 
     def at(self, t: float) -> np.ndarray:
         """Return the last parameters (p) until a time [s], or the first ones."""
-        return np.asarray(self.a[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])
+        return np.asarray(self.a[self._last(t)])
+
+    def load(self, problem: LearningProblem, t: float) -> float:
+        """Return the mass of the load until a time [s] in kg, see ``LearningProblem.load``."""
+        if self.masses is None:
+            return problem.load(self.at(t))
+        return float(self.masses[self._last(t)])
+
+    def _last(self, t: float) -> int:
+        return max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)

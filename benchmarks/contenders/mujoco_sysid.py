@@ -18,8 +18,7 @@ from pinadapt.models.bodies import COLUMNS
 from .estimation import Estimates, LearningProblem
 
 _OFFSET = "offset"
-_ITERATIONS = 50  # a quarter of the default, which XX
-_PER_WINDOW = 8  # means of samples in a window, whose band is 1.3 over its length
+_PER_WINDOW = 4  # means of samples in a window, whose band is 1.3 over its length
 _MOST = 30.0  # typical coefficients of a joint that its bounds allow
 _JOINTS = {"armature": "armature", "viscous": "damping", "coulomb": "frictionloss"}
 
@@ -30,7 +29,7 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     Parameters are the pseudo-inertias of all bodies, within the default bounds, and armature,
     damping and friction loss of the joints and an offset of their torque sensors. The model cannot
     be rolled out along tens of seconds of recorded torques, in which it would fall, so the
-    prediction is by ``mj_inverse``: torques at the measured q, v and a, eight means a window.
+    prediction is by ``mj_inverse``: torques at the measured q, v and a, four means a window.
 
     Args:
         problem: the motion and the model.
@@ -111,7 +110,7 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     )
     started = process_time()
     with redirect_stdout(StringIO()):
-        found, _ = sysid.optimize(parameters, residual, verbose=False, max_iters=_ITERATIONS)
+        found, _ = sysid.optimize(parameters, residual, verbose=False)
     seconds = process_time() - started
     inverse, parts = np.linalg.pinv(COLUMNS), list[float]()
     for carrier in carriers:
