@@ -75,7 +75,7 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
         assert np.count_nonzero(known) > 15
         away = np.abs(estimates[0] - estimates[1])[known]
         near += (away < 2.0 * deviations[:, known].min(axis=0)).tolist()
-        dynamics = identified(one).estimator.controller.dynamics.inertial
+        dynamics = identified(one).controller.dynamics.inertial
         truth = dynamics.value(arm().changed(armature=0.0, friction=pa.Friction.none(6)))
         own = parts[0].deviations[: truth.size]
         off = np.abs(parts[0].estimate[: truth.size] - truth)

@@ -124,7 +124,7 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
         raise ParameterError(
             "least squares in the physical cone need parameters of bodies and joints.",
             where="identify",
-            hint="An estimator takes any dynamics: see pinadapt.Estimator.",
+            hint="Leave out basis and unknown lengths.",
         )
     margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
     return around(dynamics, dynamics.initial, *margins)
