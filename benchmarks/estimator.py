@@ -19,7 +19,6 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from pinadapt.tasks.task import JointTask
 from pinadapt.tuning.unknowns import Unknown, nominal_dynamics
 
 from .real_logs import folder, logs_of
-from .timing import markdown
 
 _QUANTILE = 1.645  # of the interval that contains a normal number nine times of ten
 

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -36,16 +37,16 @@ from .contenders.kalman_filter import kalman_filter
 from .contenders.mujoco_sysid import mujoco_sysid
 from .contenders.recursive_least_squares import recursive_least_squares
 from .identification import LOAD, with_noise
-from .real_logs import NAMES, _logs_of
+from .real_logs import NAMES, logs_of
 from .timing import markdown
 
 SAME = pa.Unknown(friction=True, armature=True, effects=("offset",))
 HELD_OUT = 0.25
 CARRIED = 5.0, 10.0, 15.0  # [s] a load comes, goes, and the held-out part begins
-# What is tried, the best one held out counts: memory [s]; deviation of bodies at the start, and
-# what they gain in a second.
+# What is tried, the best one held out counts: memory [s]; noise, deviation of bodies
+# at the start, and what they gain in a second.
 MEMORIES = [(memory,) for memory in (np.inf, 10.0, 3.0, 1.0, 0.3)]
-SPREADS = [(deviation, walk) for deviation in (0.03, 0.1, 0.3) for walk in (0.0, 0.01, 0.1)]
+SPREADS = list(product((5.0, 20.0, 80.0), (0.03, 0.1, 0.3), (0.0, 0.03)))
 SIMULATED = "load", "load that comes and goes"
 
 
@@ -64,7 +65,7 @@ def problem(name: str) -> LearningProblem:
     """Return the problem of a real log or of a simulated motion."""
     if name in SIMULATED:
         return problem_of(*simulated(comes_and_goes=name != SIMULATED[0]))
-    ((_, file, robot),) = _logs_of(Path(os.environ["REAL_LOGS"]), [name])
+    ((_, file, robot),) = logs_of(Path(os.environ["REAL_LOGS"]), [name])
     return problem_of(*log_and_robot(file, robot, ImportOptions.of(ImportOptions.beside(file))))
 
 
@@ -150,8 +151,8 @@ def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates, floa
         (memory,), found = best(at, recursive_least_squares, MEMORIES)
         note = f"memory {memory:g} s"
     elif contender == "extended Kalman filter":
-        (deviation, walk), found = best(at, kalman_filter, SPREADS)
-        note = f"deviation {deviation:g}, walk {walk:g}"
+        (noise, deviation, walk), found = best(at, kalman_filter, SPREADS)
+        note = f"noise {noise:g}, deviation {deviation:g}, walk {walk:g}"
     else:
         simple: dict[str, Callable[[LearningProblem], Estimates]] = {
             "figaroh, base parameters": figaroh_fit,

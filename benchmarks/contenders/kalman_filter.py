@@ -11,10 +11,8 @@ from pinadapt.models.regressor import PER_BODY
 
 from .estimation import Estimates, LearningProblem
 
-_TYPICAL = 10.0  # deviation of a joint's coefficient at the start, in typical ones
-# Noise of a torque in that of the problem, as its errors last longer than a sample. With 1 the
-# filter diverges on a log of a Panda; XX.
-_NOISE = 10.0
+# Deviation of a joint's coefficient at the start, in typical ones. Half and twice: the same to 1 %.
+_TYPICAL = 10.0
 _STORED = 0.02  # [s] between stored estimates
 _ROWS, _COLUMNS = np.tril_indices(4)
 
@@ -31,6 +29,7 @@ def kalman_filter(
 
     Args:
         problem: the motion and the model.
+        noise: of the torque of a sample in that of the problem, as errors last.
         deviation: of the coordinates of a body at the start; 0.1: its mass to 20 %.
         walk: deviation that a coordinate of a body gains in one second.
     """
@@ -42,7 +41,7 @@ def kalman_filter(
     P = np.diag(np.concatenate([np.full(size, deviation), _TYPICAL * dynamics.typical[size:]]) ** 2)
     Q = np.diag(np.where(np.arange(len(x)) < size, walk**2 * motion.period, 0.0))
     R, stored, last = (
-        np.diag((_NOISE * problem.noise) ** 2),
+        np.diag((noise * problem.noise) ** 2),
         list[tuple[float, np.ndarray]](),
         -np.inf,
     )

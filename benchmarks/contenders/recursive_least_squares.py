@@ -8,8 +8,7 @@ import numpy as np
 
 from .estimation import Estimates, LearningProblem
 
-# Variance of every base parameter at the start, in SI units: hardly a prior. A hundredth and a
-# hundred times as much: see the table's page.
+# Variance of every base parameter at the start, in SI units; with 100 and 1e6 errors are the same.
 _VARIANCE = 1e4
 _STORED = 0.02  # [s] between stored estimates
 
