@@ -66,7 +66,7 @@ class LearningProblem:
             )
             motion = MeasuredMotion(t, q(t), q(t, 1), q(t, 2), tau(t), True)
         first = motion.t < self.split
-        return MeasuredMotion(*(part[first] for part in motion[:-1]), motion.smoothed)
+        return MeasuredMotion._make([*(part[first] for part in motion[:-1]), motion.smoothed])
 
     @cached_property
     def first(self) -> Windows:

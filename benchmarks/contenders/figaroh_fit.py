@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from contextlib import redirect_stdout
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,12 +38,10 @@ def figaroh_fit(problem: LearningProblem, stage: str = "fit") -> Estimates:
     Raises:
         ValueError: the program has no accepted solution.
     """
-    from figaroh.identification import BaseIdentification
-    from figaroh.tools.robot import Robot
-
+    base_class: Any = import_module("figaroh.identification").BaseIdentification
     motion, names = problem.learned, problem.robot.joint_names
 
-    class Identification(BaseIdentification):  # type: ignore[misc]
+    class Identification(base_class):
         """The motion of the problem, already filtered."""
 
         def load_param(self, *args: Any, **options: Any) -> None:
@@ -89,7 +88,10 @@ def figaroh_fit(problem: LearningProblem, stage: str = "fit") -> Estimates:
         urdf, settings = Path(folder) / "robot.urdf", Path(folder) / "config.yaml"
         urdf.write_text(problem.robot.urdf(shapes=False))
         settings.write_text(json.dumps(config))  # JSON is YAML
-        robot, chain = Robot(str(urdf), folder), problem.robot.model
+        robot, chain = (
+            import_module("figaroh.tools.robot").Robot(str(urdf), folder),
+            problem.robot.model,
+        )
         # locked joints are no part of the chain
         robot.model, robot.data, robot.q0 = chain.copy(), chain.createData(), problem.robot.q0
         robot.v0 = np.zeros(chain.nv)

@@ -18,7 +18,7 @@ _ROWS, _COLUMNS = np.tril_indices(4)
 
 
 def kalman_filter(
-    problem: LearningProblem, deviation: float = 0.1, walk: float = 0.01
+    problem: LearningProblem, noise: float = 20.0, deviation: float = 0.1, walk: float = 0.0
 ) -> Estimates:
     """Estimate bodies and joints sample by sample, from the error of the predicted torque.
 

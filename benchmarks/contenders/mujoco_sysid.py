@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from importlib import import_module
 from io import StringIO
 from time import process_time
 from typing import Any
@@ -34,9 +35,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     Args:
         problem: the motion and the model.
     """
-    import mujoco
-    from mujoco import sysid
-
+    mujoco: Any = import_module("mujoco")
+    sysid: Any = import_module("mujoco.sysid")
     dynamics, motion = problem.dynamics, problem.learned
     thin = max(int(problem.windows.length / (_PER_WINDOW * motion.period)), 1)
     t, q, v, a, tau = (
@@ -59,9 +59,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     model, carriers = spec.compile(), [spec.joint(name).parent.name for name in names]
     parameters = sysid.ParameterDict()
     for carrier in carriers:
-        kind, write = sysid.InertiaType.Pseudo, _body_writer(carrier)
-        one = sysid.body_inertia_param(spec, model, carrier, inertia_type=kind, modifier=write)
-        parameters.add(one)
+        options = {"inertia_type": sysid.InertiaType.Pseudo, "modifier": _body_writer(carrier)}
+        parameters.add(sysid.body_inertia_param(spec, model, carrier, **options))
     typical = dict(zip(dynamics.names, dynamics.typical, strict=True))
     start = dict(zip(dynamics.names, dynamics.initial, strict=True))
     for name in names:
@@ -126,7 +125,7 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
 
 def _body_writer(name: str) -> Callable[[Any, Any], None]:
     """Return the modifier of a body; that of 3.17.0 writes a quaternion that does not compile."""
-    from mujoco.sysid import model_modifier
+    model_modifier: Any = import_module("mujoco.sysid").model_modifier
 
     def write(spec: Any, parameter: Any) -> None:
         pi, body = model_modifier.pi_from_theta(parameter.value), spec.body(name)
