@@ -20,7 +20,7 @@ from .estimation import Estimates, LearningProblem
 
 _OFFSET = "offset"
 _PER_WINDOW = 4  # means of samples in a window, whose band is 1.3 over its length
-_MOST = 30.0  # typical coefficients of a joint that its bounds allow
+_MOST = 1000.0  # typical coefficients of a joint that its bounds allow; a TX40 has 618
 _JOINTS = {"armature": "armature", "viscous": "damping", "coulomb": "frictionloss"}
 
 
@@ -34,9 +34,14 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
 
     Args:
         problem: the motion and the model.
+
+    Raises:
+        ModuleNotFoundError: it is not installed.
     """
     mujoco: Any = import_module("mujoco")
     sysid: Any = import_module("mujoco.sysid")
+    if not hasattr(sysid, "optimize"):
+        raise ModuleNotFoundError("mujoco[sysid]")
     dynamics, motion = problem.dynamics, problem.learned
     thin = max(int(problem.windows.length / (_PER_WINDOW * motion.period)), 1)
     t, q, v, a, tau = (
