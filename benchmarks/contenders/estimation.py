@@ -108,14 +108,13 @@ class LearningProblem:
     def load(self, a: np.ndarray) -> float:
         """Return the mass [kg] of the load on the last body that explains a (p) best.
 
-        Its torques are nearest to those by which the bodies differ from the described ones, over
+        With other coefficients of the joints it has the torques nearest to the change of all, over
         the windows before the split.
         """
         size = self.physical.bodies * PER_BODY
-        W = self.first.W[:, :, :size] / self.noise[:, None]
-        change = W @ (a - self.dynamics.initial)[:size]
-        last = W[:, :, -PER_BODY:].reshape(-1, PER_BODY)
-        return float(np.linalg.lstsq(last, change.ravel(), rcond=1e-10)[0][0])
+        W = (self.first.W / self.noise[:, None]).reshape(-1, self.dynamics.size)
+        change = W @ (a - self.dynamics.initial)
+        return float(np.linalg.lstsq(W[:, size - PER_BODY :], change, rcond=1e-10)[0][0])
 
 
 class Estimates(NamedTuple):
