@@ -1,7 +1,7 @@
 """The online estimator on recorded motions, and on simulated arms whose loads come and go.
 
-``make estimator.table`` runs the sweep ``estimator.toml`` and writes ``estimator.csv``; the logs
-are those of ``real_logs.py``, in the folder that the environment variable ``REAL_LOGS`` names.
+``pinadapt sweep benchmarks/estimator.toml`` measures all cases; the logs are those of
+``real_logs.py``, in the folder that the environment variable ``REAL_LOGS`` names.
 
 * real: raw samples of the first three quarters of a log; the error of the torques of the last
   quarter, by the robot that is saved, and that of ``identify``. With a shaft: the log of the robot
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -62,7 +62,11 @@ def real(name: str, *, shaft: bool) -> dict[str, Any]:
     finite = np.isfinite(np.hstack([q, log.tau])).all(axis=1) & (log.t <= split)
     parts = (part[finite] for part in (log.t, q, log.tau))
     found, times = last(
-        estimator, (pa.Measurement(t, q, None, tau=tau) for t, q, tau in zip(*parts, strict=True))
+        estimator,
+        (
+            pa.Measurement(t, q, 0.0 * q[: robot.model.nv], tau=tau)
+            for t, q, tau in zip(*parts, strict=True)
+        ),
     )
     nothing = Unknown(bodies="none", friction=False, armature=False)
     errors = []
@@ -102,13 +106,10 @@ def simulated(case: str, seed: int, *, change: bool) -> dict[str, Any]:
     """Return how well a load is known after a motion, or after it was taken up."""
     rng, dt = np.random.default_rng(seed), 4e-3
     robot, load = pa.load("panda", task="joint"), random_load(rng)
-    friction = Friction(
-        rng.uniform(0.2, 1.0, 7),
-        rng.uniform(0.2, 1.0, 7),
-        gear_friction=0.03,
-        breakaway=1.3,
-        fading=0.04,
-    )
+    viscous, coulomb = rng.uniform(0.2, 1.0, (2, 7))
+    shape = {"gear_friction": 0.03, "breakaway": 1.3, "fading": 0.04}
+    shaped: Any = {name: np.full(7, value) for name, value in shape.items()}
+    friction = Friction(viscous, coulomb, **shaped)
     empty = robot.changed(friction=friction)
     true = empty.changed(payload=load)
     taken = 6.0 if change else 0.0
@@ -130,7 +131,7 @@ def simulated(case: str, seed: int, *, change: bool) -> dict[str, Any]:
         g = pin.computeGeneralizedGravity(one.model, datas[id(one)], q[k])
         tau = pin.rnea(one.model, datas[id(one)], q[k], v[k], a[k])
         tau += one.friction.under(g).torque(v[k]) + 5e-3 * limits * rng.standard_normal(7)
-        sample = pa.Measurement(now, np.round(q[k] / count) * count, None, tau=tau)
+        sample = pa.Measurement(now, np.round(q[k] / count) * count, 0.0 * tau, tau=tau)
         if state is None:
             state = estimator.init(sample, **announced)
         else:
@@ -139,6 +140,7 @@ def simulated(case: str, seed: int, *, change: bool) -> dict[str, Any]:
                 at = now - taken
         if change and now >= taken + 1.0 + 0.05:
             break
+    assert state is not None
     found = estimator.estimate(state).load
     if found is None:
         return {"found": None}
@@ -154,9 +156,3 @@ def simulated(case: str, seed: int, *, change: bool) -> dict[str, Any]:
         "centre_inside": float(np.mean(off[1:4] <= _QUANTILE)),
         "inertia_inside": float(np.mean(off[4:] <= _QUANTILE)),
     }
-
-
-# --- tables ---
-
-Rows = Sequence[Mapping[str, Any]]
-IDENTIFIED = {"panda": 0.134, "ur10": 1.165, "tx40": 2.087, "tiago": 0.554}

@@ -151,7 +151,7 @@ def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
 def test_the_log_of_another_robot_is_doubted():
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(
-        link_translation={"elbow_joint": [0.0, 0.3, 0.0], "wrist_1_joint": [0.2, 0.0, -0.2]}
+        link_translation={"elbow_joint": [0.0, 0.15, 0.0], "wrist_1_joint": [0.1, 0.0, -0.1]}
     )
     found = pa.identify(log, other, unknown=pa.Unknown(tool=True, **TOLD))
     assert "mm off even as identified" in found.verdict and not found.trusted

@@ -97,10 +97,17 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, a mass that is not positive, or nothing is unknown.
+        InputError: unknown words, a mass that is not positive, nothing is unknown, or a robot that
+            has constraints.
         ParameterError: a total mass that leaves nothing for the unknown bodies.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
+    if described.constraints:
+        raise InputError(
+            "a log does not contain the forces of its constraints.",
+            where="robot",
+            hint="A run's rollout.learned() has what its controller learned.",
+        )
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)
@@ -194,6 +201,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
+        stated=weighed,
         intake=intakes[0],
     )
 
@@ -242,7 +250,7 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
-        LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
+        LogError: as ``read_log``.
     """
     robot = intake.mounted(robot)
     log = read_log(source, robot, intake=intake)

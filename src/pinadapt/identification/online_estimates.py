@@ -50,8 +50,7 @@ class OnlineEstimates:
             progress: as of ``simulate``.
         """
         t, count = motion.t, len(motion.t)
-        stops = {count - 1, int(np.searchsorted(t, split)) - 1}
-        stops |= set(np.linspace(0, count - 1, _TIMES + 1).astype(int)[1:].tolist())
+        stops = {*np.linspace(0, count - 1, _TIMES).astype(int), np.searchsorted(t, split) - 1}
         state = estimator.init(Measurement(t[0], motion.q[0], motion.v[0], tau=motion.tau[0]))
         found: dict[int, Estimate] = {}
         for k in watched(range(1, count), progress, "online"):

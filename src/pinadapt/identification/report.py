@@ -37,7 +37,7 @@ from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimator
-from .fits import Windows, lasting_noise
+from .fits import GAIN, Windows, lasting_noise, torque_information
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck, beyond
@@ -125,6 +125,7 @@ class Identification(Printed):
         tested: names of the logs that were held out; empty where it is the last part of one log.
         load: estimated from this log and one without it; None without such a log.
         check: the comparison of the torques with the description, None where none were needed.
+        stated: equations that were stated beside the log, such as a total mass.
         intake: how the log was read.
     """
 
@@ -146,6 +147,7 @@ class Identification(Printed):
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
     check: TorqueCheck | None = None
+    stated: tuple[np.ndarray, np.ndarray] | None = None
     intake: ImportOptions = field(default_factory=ImportOptions)
 
     @property
@@ -170,17 +172,33 @@ class Identification(Printed):
         """Return the estimates by name and their information, from which a controller can start."""
         return LearnedParameters.of(self.controller, self.state, rows=self.dynamic.R)
 
-    def payload(self) -> PayloadEstimate:
+    def payload(self, *, gain: float = GAIN) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
 
-        With a log of the arm without its load: the load that explains the difference.
+        With a log of the arm without its load: the load that explains the difference, as
+        ``identify`` found it with the default gain.
+
+        Args:
+            gain: deviation of the torques' gains from one; zero where they are exact.
 
         Raises:
             ParameterError: the last body is not among the parameters.
         """
         if self.load is not None:
             return self.load
-        controller, found = self.controller, self.dynamic
+        plain = self._load_of(self.dynamic)
+        if not gain:
+            return plain
+        windows = self.windows.between(-np.inf, self.split) if self.tested else self.windows
+        names, a = self.dynamic.names, self.dynamic.estimate
+        found = torque_information(names, a, windows, self.stated, gain=gain)
+        (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
+        known = np.hypot(known, np.hypot(other, value - own))
+        return PayloadEstimate.of(own, known, plain.explained)
+
+    def _load_of(self, found: Information) -> PayloadEstimate:
+        """Return the load that explains the change of the bodies, by their information."""
+        controller = self.controller
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
             return payload_of_uncertain_arm(controller, dynamics, found)

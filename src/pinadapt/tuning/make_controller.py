@@ -141,13 +141,7 @@ def make_controller(
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
-    if (
-        adaptation is None
-        and kind == "natural"
-        and not robot.constraints
-        and chosen.remembers
-        and dynamics.per_body
-    ):
+    if adaptation is None and kind == "natural" and chosen.remembers and dynamics.per_body:
         kind = "natural-memory"
     w = bandwidth(robot, dt, chosen.own_bandwidth)
     motion = TypicalMotion(robot, kinematics, dynamics, w, applied.torque)

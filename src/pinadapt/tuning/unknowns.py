@@ -293,7 +293,7 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    kinds = unknown.joint_kinds("none" if robot.constraints else joint)
+    kinds = unknown.joint_kinds(joint)
     stacked = bool(kinds) or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case
