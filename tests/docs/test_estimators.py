@@ -47,7 +47,7 @@ def judged(found: Estimates) -> tuple[float, int, float]:
 def test_recursive_least_squares_find_the_torques():
     described = problem().rms(problem().dynamics.initial)
     error, _, load = judged(recursive_least_squares(problem()))
-    assert error < 0.02 * described
+    assert error < 0.001 * described
     assert load == pytest.approx(2.0, rel=0.05)
 
 
