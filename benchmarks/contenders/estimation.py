@@ -20,8 +20,8 @@ from pinadapt.tuning.unknowns import nominal_dynamics
 # Periods in that of the filter of positions, above which their derivatives are mostly noise: of
 # the logs, that of 30 Hz.
 _SLOW = 0.25
-# Cutoff for them, relative to one over the length of a window, which there is at half. Half and
-# twice: recursive least squares err 81 and 59 % more on a log of 30 Hz; without it 112 %.
+# Cutoff for them, relative to one over the length of a window, which there is at half. With 0.8 and
+# 2.6 recursive least squares err 81 and 59 % more on a log of 30 Hz; without it 112 %.
 _BAND = 1.3
 # Least eigenvalue of a physical pseudo-inertia, relative to its largest: one on the border passes,
 # as solvers find it.
