@@ -32,6 +32,7 @@ from . import (
     alternatives,
     alternatives_report,
     calibration,
+    estimators,
     identification,
     image,
     lying_sensors,
@@ -116,6 +117,7 @@ TABLES: dict[str, Callable[[], str]] = {
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
+    "estimators": of("estimators", estimators.report),
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
     "lying_sensors": of("lying_sensors", lying_sensors.report, law="separation"),
