@@ -36,10 +36,10 @@ from ..robot.robot import Robot
 WEIGHT = 1.0
 # Weight of the description of a joint's friction, which may be many times that. Half and twice: the
 # same; a thousand times triples the held-out error of a UR10.
-_LIGHT = 1e-6
+LIGHT = 1e-6
 # Share of a stated total mass that it may be off: half and twice give the same masses to 0.2 %.
 _WEIGHED = 1e-3
-_FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
+FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 
 
 def torque_fit(
@@ -62,7 +62,7 @@ def torque_fit(
     """
     A, b = (np.zeros((0, len(names))), np.zeros(0)) if stated is None else stated
     noise, least = noise_levels(windows.tau)
-    physical, a = replace(physical, weights=np.array([_LIGHT])), None
+    physical, a = replace(physical, weights=np.array([LIGHT])), None
     for _ in range(3 if names else 0):
         rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), A])
         y = np.append(windows.y / noise, b)
@@ -138,7 +138,7 @@ def load_fit(
         physical,
         bodies=physical.bodies + 1,
         center=np.insert(physical.center, size, physical.center[own:size]),
-        body_weights=np.append(np.ones(physical.bodies), _FREE),
+        body_weights=np.append(np.ones(physical.bodies), FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
     found = torque_fit(names, whole, Windows(t, np.concatenate(rows), y, tau, both[0].length))

@@ -23,7 +23,7 @@ from ..controller.state import Sample
 CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
 OVERLAP = 3  # windows at any time
-_FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
+FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
 
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
 _CUTOFF = 30.0  # [Hz] for noisy positions of a run, well above the band of a block of 50 ms
@@ -178,11 +178,11 @@ class Averages:
         """Lay windows over samples at times t (N), typically ``period`` apart [s]."""
         from scipy.sparse import csc_array  # here, because scipy is slow to import
 
-        self.length = length = max(LENGTH, _FEWEST * period)
+        self.length = length = max(LENGTH, FEWEST * period)
         count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
         first, last = np.searchsorted(t, self.t + 0.5 * length * np.array([[-1.0], [1.0]]))
-        gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / _FEWEST))  # before each sample
+        gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / FEWEST))  # before each sample
         around = np.clip([first - 1, last], 0, len(t) - 1)
         self.whole = gaps[around[0]] == gaps[around[1]]
         window = np.repeat(np.arange(count), last - first)
@@ -191,7 +191,7 @@ class Averages:
         trapezoids = 0.5 * (steps + np.roll(steps, 1))[sample]
         self.phi, self.rate = (
             csc_array((weights * trapezoids, (window, sample)), shape=(count, len(t)))
-            for weights in _window(t[sample] - self.t[window], length)
+            for weights in bump(t[sample] - self.t[window], length)
         )
 
     def mean(self, values: np.ndarray) -> np.ndarray:
@@ -200,7 +200,7 @@ class Averages:
         return np.asarray(found.reshape(-1, *values.shape[1:]))
 
 
-def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+def bump(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return phi = 8 / (3 L) cos^4(pi s / L) of integral one, and phi', at times s from its middle.
 
     Its first three derivatives vanish at the ends, so that sums are integrals to the fourth power

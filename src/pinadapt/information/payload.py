@@ -36,7 +36,7 @@ from .information import Information, dynamic_information, estimate_table
 
 LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
-_USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
+USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,7 +245,7 @@ class ArmPrior:
         if prior_covariance(robot, dynamics) is None:
             return cls.of(robot, dynamics, 0.0)
         plain = cls.of(robot, dynamics, 1.0)
-        ball = pin.Inertia.FromSphere(_USUAL * robot.mass, _USUAL * robot.reach)
+        ball = pin.Inertia.FromSphere(USUAL * robot.mass, USUAL * robot.reach)
         ten = robot.model.frames[robot.frame_id].placement.act(ball).toDynamicParameters()
         load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
         load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
