@@ -65,7 +65,7 @@ def identified(name: str, log: str) -> pa.Identification:
 def measure(robot: str, log: str) -> dict[str, Any]:
     """Return the errors of the torques [N m], of the load [kg, m] and of the tool [m]."""
     found = identified(robot, log)
-    errors, load = found.torque_errors, found.payload()
+    errors, load = found.torque_errors, found.payload(gain=0.0)
     tool = pa.load(robot).changed(tool_translation=TOOL)
     missed = found.robot.position(tool.q0) - tool.position(tool.q0)
     return {
@@ -93,12 +93,12 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
         cells.append(
             [
                 f"{row['robot']}, {row['log']}",
-                *(f"{row[key]:.2g}" for key in ("described", "learned", "online")),
+                *(f"{row[key]:.2g}" for key in ("described", "learned")),
                 f"{row['mass']:.{places}f} ± {row['mass_known_to']:.1g} kg",
                 f"{1e3 * row['centre']:.1g} mm",
             ]
         )
-    head = ["log", "described", "identified", "online", "mass of the load", "error of its centre"]
+    head = ["log", "described", "identified", "mass of the load", "error of its centre"]
     return markdown(head, cells)
 
 

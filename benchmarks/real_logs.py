@@ -61,10 +61,10 @@ def chosen_logs(description: str) -> Iterator[tuple[str, Path, pa.Robot]]:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="names of logs, separated by commas")
     options = parser.parse_args()
-    return _logs_of(options.folder, options.only.split(",") if options.only else [])
+    return logs_of(options.folder, options.only.split(",") if options.only else [])
 
 
-def _logs_of(folder: Path, only: list[str]) -> Iterator[tuple[str, Path, pa.Robot]]:
+def logs_of(folder: Path, only: list[str]) -> Iterator[tuple[str, Path, pa.Robot]]:
     """Yield the logs in a folder, all of them if no names are given."""
     table = folder / "logs.toml"
     found = toml.loads(table.read_text())["log"] if table.is_file() else LOGS
@@ -74,6 +74,11 @@ def _logs_of(folder: Path, only: list[str]) -> Iterator[tuple[str, Path, pa.Robo
         beside = folder / source
         if (folder / file).exists() and (not only or name in only):
             yield name, folder / file, pa.load(beside if beside.exists() else source, **options)
+
+
+def folder() -> Path:
+    """Return the folder of the logs."""
+    return Path(os.environ["REAL_LOGS"])
 
 
 def rms(values: np.ndarray) -> float:
@@ -87,7 +92,7 @@ def least_squares_errors(found: Identification) -> tuple[float, float]:
     They have the same effects of the joints, no prior, and need not be physical: what is usual in
     the literature.
     """
-    dynamics = found.estimator.controller.dynamics
+    dynamics = found.controller.dynamics
     chosen = pa.models.base_parameters(dynamics, found.described).chosen
     first = found.windows.between(-np.inf, found.split)
     last = found.windows.between(found.split, np.inf)
@@ -105,7 +110,7 @@ def measure(log: str, what: str) -> dict[str, Any]:
     """Return the figures of a log."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ((_, file, robot),) = _logs_of(Path(os.environ["REAL_LOGS"]), [log])
+        ((_, file, robot),) = logs_of(folder(), [log])
         if what == "check":
             check = check_torques(pa.read_log(file, robot), robot)
             judged = [(one.factor, one.correlation) for one in check.joints if one.judged]

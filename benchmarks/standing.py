@@ -95,7 +95,7 @@ def measure(
     load: float,
     motion: str = "sway",
     sensors: str = "perfect",
-    adaptation: str = "natural",
+    adaptation: str = "natural-memory",
     push: bool = False,
     varied: bool = False,
     case_seed: int = 0,
@@ -179,7 +179,7 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table of perfect sensors: each robot and load, with and without adaptation."""
     lines, rows = [], [row for row in rows if not row["sensors"]]  # perfect by default
     for row in rows:
-        if row["adaptation"] != "natural" or row["push"]:
+        if row["adaptation"] != "natural-memory" or row["push"]:
             continue
         same = ("robot", "load", "motion")
         other = next(

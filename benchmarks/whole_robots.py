@@ -18,11 +18,11 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits
 from pinadapt.exceptions import PinadaptError
+from pinadapt.models.bodies import UNCERTAINTY
 from pinadapt.models.joint_effects import typical_coefficients
 from pinadapt.robot.motors import overloaded
 from pinadapt.robot.workspace import find_swing
 from pinadapt.scenario.template import FRICTION
-from pinadapt.zoo.experiment import INERTIA_ERROR
 
 from .timing import markdown
 
@@ -53,7 +53,7 @@ def _measured(name: str, adaptation: str) -> dict[str, Any]:
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     _, viscous, coulomb = FRICTION * typical_coefficients(described)
     true = described.changed(friction=pa.Friction(viscous, coulomb))
-    factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], described.model.nv)
+    factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], described.model.nv)
     model = described.changed(
         inertial_scale=dict(zip(described.joint_names, factors.tolist(), strict=True))
     )

@@ -17,7 +17,6 @@ from ._version import __version__ as __version__
 from .citation import citation as citation
 from .controller import Controller as Controller
 from .controller import ControllerState as ControllerState
-from .controller import Estimator as Estimator
 from .controller import Governor as Governor
 from .controller import LearnedParameters as LearnedParameters
 from .controller import Limits as Limits
@@ -36,6 +35,7 @@ from .exceptions import RobotError as RobotError
 from .exceptions import ScenarioError as ScenarioError
 from .exceptions import UnusedGainWarning as UnusedGainWarning
 from .excitation import excite as excite
+from .identification import Estimator as Estimator
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .logs import Log as Log
@@ -66,5 +66,4 @@ from .sweep import sweep as sweep
 from .sweep import tune as tune
 from .tuning import Unknown as Unknown
 from .tuning import make_controller as make_controller
-from .tuning import make_estimator as make_estimator
 from .tuning import preflight as preflight

@@ -24,7 +24,9 @@ from .exceptions import (
     did_you_mean,
 )
 
-LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
+ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size, or [m, rad, s], that is no more
+_SINGLE = np.finfo(np.float32)  # whose range is that of a user's numbers, computed with in double
+LARGEST, SMALLEST = float(_SINGLE.max), float(_SINGLE.tiny)  # the latter of positive ones
 MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 
 _SHORT = Repr()
@@ -140,7 +142,7 @@ def numbers(
 
 
 def _too_large(value: Any) -> str:
-    return f"is too large to compute with, over {LARGEST:g}: {shown(value)}."
+    return f"is too large to compute with, over {LARGEST:.3g}: {shown(value)}."
 
 
 def whole(
@@ -309,7 +311,7 @@ def positive(
     if size > most:
         raise error(f"must be at most {most:.4g}, got {shown(value)}.", where=name)
     if 0.0 < size < SMALLEST:
-        raise error(f"is too small to compute with, under {SMALLEST:g}: {size}.", where=name)
+        raise error(f"is too small to compute with, under {SMALLEST:.3g}: {size}.", where=name)
     return float(value)
 
 

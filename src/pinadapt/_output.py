@@ -304,9 +304,10 @@ class Printed:
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 2em auto;
   max-width: 1100px; padding: 0 1em; }
-h1 { font-size: 1.5em; margin-bottom: 0.2em; } h2 { font-size: 1.15em; margin-top: 2em; }
-table { border-collapse: collapse; margin: 0.8em 0; font-size: 13px;
-  font-variant-numeric: tabular-nums; }
+h1 { font-size: 1.5em; margin-bottom: 0.2em; overflow-wrap: anywhere; }
+h2 { font-size: 1.15em; margin-top: 2em; }
+table { border-collapse: collapse; margin: 0.8em 0; font-size: 13px; display: block;
+  overflow-x: auto; font-variant-numeric: tabular-nums; }
 th, td { padding: 2px 10px; border-bottom: 1px solid #ddd; } th { border-bottom: 1px solid #777; }
 tr:hover td { background: #f4f6f8; } img { max-width: 100%; }
 .warning, .note { border-left: 4px solid #e08000; padding: 0.5em 1em; margin: 0.4em 0; }
@@ -318,7 +319,8 @@ code { background: #f2f2f2; padding: 0.1em 0.3em; }
 def html_page(title: str, parts: Sequence[str]) -> str:
     """Return a web page of parts in HTML, without scripts and external resources."""
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width, initial-scale=1"><title>{escape(title)}'
         f"</title><style>{_STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
 

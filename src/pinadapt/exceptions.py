@@ -146,3 +146,16 @@ class DivergedError(PinadaptError):
         """Keep the reason and the time [s]."""
         self.reason, self.time = reason, time
         super().__init__(reason)
+
+
+class ContactError(DivergedError):
+    """A contact that is taken to stand has lifted or slipped, so that no constraint holds there.
+
+    Attributes:
+        frame: that of the contact.
+    """
+
+    def __init__(self, reason: str, time: float | None = None, frame: str = "") -> None:
+        """Keep the reason, the time [s] and the contact's frame."""
+        self.frame = frame
+        super().__init__(reason, time)

@@ -15,8 +15,8 @@ from ._kernels import laws as kernels
 from .exceptions import InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
-from .models.regressor import Momentum
 from .models.task_kinematics import TaskKinematics
+from .robot.constraints import Constraints
 from .robot.motors import CommandsUnderway, LateTorque
 from .signals import Signals
 from .tasks.frame import rotation_between, turned
@@ -326,6 +326,8 @@ class TorqueFilterState(NamedTuple):
         shares: (2) that are still to come: of a change of u over it; and of a change of tau, which
             is also that of u - Z.
         underway: what declared motors have in hand; nothing where none are late.
+        free: under constraints the projection P (n, n), see ``Constraints.free``, and which rows of
+            A hold (k); else nothing.
     """
 
     Z: np.ndarray
@@ -334,6 +336,11 @@ class TorqueFilterState(NamedTuple):
     tau: np.ndarray
     shares: np.ndarray
     underway: CommandsUnderway | tuple[()] = ()
+    free: tuple[np.ndarray, np.ndarray] | tuple[()] = ()
+
+    def projected(self, tau: np.ndarray) -> np.ndarray:
+        """Return P tau (n), or tau where there are no constraints."""
+        return self.free[0].dot(tau) if self.free else tau
 
 
 class FilteredTorque(NamedTuple):
@@ -372,6 +379,10 @@ class FilteredRegressor:
 
     Any ``Dynamics`` will do: bodies, a basis, lumped parameters, coefficients of the joints.
 
+    Under constraints A v = 0 their forces A^T f are unknown, but P A^T = 0 with P = I - A^+ A, so
+    that P tau = d/dt (P Y_M a_d) + (P Y_0 - dP/dt Y_M) a_d has the same form. Where feet begin or
+    cease to stand, the filters start anew.
+
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
     509-519.
 
@@ -379,12 +390,17 @@ class FilteredRegressor:
         dynamics: of the parameters; the estimate loaded into it does not matter.
         low_pass: F, of bandwidth lambda [1/s].
         motors: that apply a torque later than it is commanded, or None.
+        constraints: of the robot, or None.
     """
 
     def __init__(
-        self, dynamics: Dynamics, bandwidth: float, motors: LateTorque | None = None
+        self,
+        dynamics: Dynamics,
+        bandwidth: float,
+        motors: LateTorque | None = None,
+        constraints: Constraints | None = None,
     ) -> None:
-        """Take the dynamics, the bandwidth lambda [1/s], and motors that are late.
+        """Take the dynamics, the bandwidth lambda [1/s], motors that are late, and constraints.
 
         Raises:
             GainError: the bandwidth is not positive.
@@ -392,18 +408,32 @@ class FilteredRegressor:
         """
         self.dynamics: Dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
-        self.motors = motors
+        self.motors, self.constraints = motors, constraints
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        n, (fast, u) = v.size, self._inputs(self.dynamics.momentum(q, v))
-        return TorqueFilterState(fast, np.zeros(n), u, np.zeros(n), np.zeros(2))
+        return self._begun(v.size, *self._inputs(q, v, None))
 
-    def _inputs(self, momentum: Momentum) -> tuple[np.ndarray, np.ndarray]:
-        """Return lambda Y_M and lambda Y_M - Y_0 (n, p + 1), known parts as the last column."""
-        Y_M, Y_0, p_0, tau_0 = momentum
-        fast = self.low_pass.bandwidth * np.concatenate([Y_M, p_0[:, None]], axis=1)
-        return fast, fast - np.concatenate([Y_0, tau_0[:, None]], axis=1)
+    @staticmethod
+    def _begun(n: int, fast: np.ndarray, u: np.ndarray, free: Any) -> TorqueFilterState:
+        """Return the state of filters that begin with these inputs."""
+        return TorqueFilterState(fast, np.zeros(n), u, np.zeros(n), np.zeros(2), (), free)
+
+    def _inputs(
+        self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | tuple[()]]:
+        """Return lambda Y_M and lambda Y_M - Y_0 (n, p + 1), projected, and the projection.
+
+        The known parts are the last column.
+        """
+        (Y_M, Y_0, p_0, tau_0), bandwidth = self.dynamics.momentum(q, v), self.low_pass.bandwidth
+        fast = bandwidth * np.concatenate([Y_M, p_0[:, None]], axis=1)
+        u = fast - np.concatenate([Y_0, tau_0[:, None]], axis=1)
+        if self.constraints is None:
+            return fast, u, ()
+        P, P_rate = self.constraints.free(q, v, stands)
+        free = P, self.constraints.holding(stands)
+        return P.dot(fast), P.dot(u) + (P_rate / bandwidth).dot(fast), free
 
     def observe(
         self,
@@ -411,6 +441,7 @@ class FilteredRegressor:
         q: np.ndarray,
         v: np.ndarray,
         tau: np.ndarray | None = None,
+        stands: np.ndarray | None = None,
     ) -> FilteredTorque:
         """Return W and y at q (nq), v (n).
 
@@ -420,47 +451,52 @@ class FilteredRegressor:
             v: (n) joint velocity now [rad/s or m/s].
             tau: (n) measured torque of the joints over the last period [N m or N]; None: what
                 ``step`` was given.
+            stands: (c) which contacts stand; None: all.
 
         Raises:
             InputError: the state of another filter.
         """
-        momentum = self.dynamics.momentum(q, v)
-        n, p = momentum.Y_M.shape
-        shape = n, p + 1
+        fast, u, free = self._inputs(q, v, stands)
+        shape = u.shape
         if state.__class__ is not TorqueFilterState or not state.Z.shape == state.u.shape == shape:
             raise InputError(
                 "the filters are those of other dynamics.",
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
-        Z_before, y, before, held, (share_u, share_tau), underway = state
-        fast, u = self._inputs(momentum)
+        if free and state.free and not np.array_equal(free[1], state.free[1]):
+            state = self._begun(v.size, fast, u, free)._replace(underway=state.underway)
+        Z_before, y, before, held, (share_u, share_tau), underway, _ = state
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
         W, bandwidth = fast - Z, self.low_pass.bandwidth
         if tau is not None:
-            y, held = y + share_tau * (tau - held), tau
-        now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway)
+            y, held = y + share_tau * state.projected(tau - held), tau
+        if free:
+            y = y + share_u * (free[0].dot(held) - state.projected(held))
+        now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway, free)
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
-        Z, y, u, _, _, underway = now.state
+        Z, y, u, _, _, underway, free = now.state
         if self.motors is not None and dt > 0.0:
             tau, underway = self.motors.mean(underway or None, tau, dt)
         # the share of the way to an input that is held for dt, or that changes linearly
         x = self.low_pass.bandwidth * dt
         share = -math.expm1(-x)
         shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
-        return TorqueFilterState(Z, y + share * (tau - y), u, tau, shares, underway)
+        y = y + share * (now.state.projected(tau) - y)
+        return TorqueFilterState(Z, y, u, tau, shares, underway, free)
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
-        Z, y, u, held, shares, underway = now.state
+        Z, y, u, held, shares, underway, free = now.state
         return TorqueFilterState(
             self.low_pass.rate(Z, u),
-            self.low_pass.rate(y, tau),
+            self.low_pass.rate(y, now.state.projected(tau)),
             np.zeros(u.shape),
             np.zeros(held.shape),
             np.zeros(shares.shape),
             underway.still() if underway else (),
+            (np.zeros(free[0].shape), np.zeros(free[1].shape)) if free else (),
         )

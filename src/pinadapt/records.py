@@ -67,6 +67,17 @@ class Feet(NamedTuple):
     xd_d: np.ndarray
     xdd_d: np.ndarray
 
+    @property
+    def table(self) -> np.ndarray:
+        """Everything as numbers (10 c), contact by contact."""
+        return np.column_stack(self).ravel()
+
+    @classmethod
+    def of_table(cls, table: np.ndarray) -> Feet:
+        """Return the feet of a ``table``."""
+        rows = table.reshape(-1, 10)
+        return cls(rows[:, 0] > 0.0, *np.hsplit(rows[:, 1:], 3))
+
 
 class Desired(NamedTuple):
     """The desired task motion at one instant, in world axes.

@@ -356,10 +356,9 @@ class Wiggle(Trajectory):
 # A step of the error asks for K_P times as much acceleration. At K_P = 400 / s^2 a thousandth of
 # the reach asks for 0.4 reach / s^2, as a circle of a tenth of the reach in 3 s does.
 _THERE = 1e-3  # of the reach, [rad], or of slides [m]
-# Of an approach: speed of a joint [rad/s], of a slide half of it [m/s]; instants looked at; least
-# and most time [s]. Half or twice the speed takes twice or half the time, half or twice as many
-# instants change it by 0.5 %.
-_SPEED, _POINTS, _SHORTEST, _LONGEST = 0.75, 61, 0.3, 10.0
+# Of an approach: speed of a joint [rad/s], of a slide half of it [m/s]; least and most time [s].
+# Half or twice the speed takes twice or half the time.
+_SPEED, _SHORTEST, _LONGEST = 0.75, 0.3, 10.0
 
 
 def starting_from(
@@ -400,7 +399,7 @@ def starting_from(
     speeds = np.minimum(speeds, 0.8 * velocity_limits(robot.model))
     approach = Approach(motion, x, 1.0, task)
     for _ in range(2):  # the null space returns home at its own pace
-        s = np.linspace(0.0, approach.duration, _POINTS)
+        s = np.linspace(0.0, approach.duration, math.ceil(approach.duration / _STEP) + 2)
         joints = joint_motion(approach, robot, s, measurement.q)
         found = joints.slowness(speeds, 0.5 * effort_limits(robot.model))
         needed = approach.duration * max(float(p.max()) for p in found.values())

@@ -52,6 +52,7 @@ class Signals:
         residual: (n) prediction error of the torque, W a_d - y [N m or N], or None as well.
         w: (n) measured velocity of the motors [rad/s or m/s], or None.
         stands: (c) which contacts stand; None: all.
+        missed: what constraint forces cannot give of the torque to send, once that is known.
     """
 
     t: float
@@ -80,6 +81,7 @@ class Signals:
     residual: np.ndarray | None
     w: np.ndarray | None
     stands: np.ndarray | None
+    missed: Any
 
     @property
     def dxd_hat(self) -> np.ndarray:

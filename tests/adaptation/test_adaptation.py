@@ -9,7 +9,7 @@ from hypothesis import assume, given
 
 import pinadapt as pa
 from pinadapt.description.chain import is_physical
-from pinadapt.models.bodies import nearest_physical, pseudo_inertia
+from pinadapt.models.bodies import nearest_physical
 from tests.support.chains import random_inertia, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.drives import rate_of, stepped
@@ -39,15 +39,6 @@ CASES = {
     ),
     "bounds": lambda rng: (diagonal_bounds(), np.array([0.5, 1.0]), np.array([1.2, 0.7])),
 }
-
-
-@given(seeds)
-@seeded
-def test_pseudo_inertia_is_that_of_pinocchio(seed):
-    inertia = random_inertia(np.random.default_rng(seed))
-    P = pseudo_inertia(inertia.toDynamicParameters())
-    assert np.allclose(P, inertia.toPseudoInertia().toMatrix(), atol=1e-12)
-    assert is_physical(inertia.toDynamicParameters())
 
 
 def test_unphysical_inertias_are_recognised():
@@ -125,22 +116,6 @@ def test_natural_adaptation_stays_in_the_cone(case, step):
         assert cone.contains(a_next)
         ratios = np.linalg.eigvals(np.linalg.solve(cone.matrices(a), cone.matrices(a_next))).real
         assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
-
-
-@pytest.mark.parametrize("norm", [1e-4, 1.9e-2])
-def test_series_for_small_steps_equals_the_geodesic(norm):
-    """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
-    rng = np.random.default_rng(8)
-    cone = pa.adaptation.BodyInequality(["a", "b"])
-    a, g = bodies(rng, 2), rng.standard_normal(20)
-    P, L = cone.matrices(a), cone.covectors(g)
-    A = P @ L
-    h = norm / np.sqrt(np.einsum("bij,bji->", A, A))
-    S = np.linalg.cholesky(P)
-    w, U = np.linalg.eigh(h * S.transpose(0, 2, 1) @ L @ S)
-    exact = (S @ U * np.exp(-w)[:, None, :]) @ (S @ U).transpose(0, 2, 1)
-    moved = cone.matrices(stepped(pa.adaptation.Natural(1.0, cone), a, g, h))
-    assert np.abs(moved - exact).max() <= 1e-5 * np.abs(P).max()
 
 
 def test_natural_adaptation_is_coordinate_free():

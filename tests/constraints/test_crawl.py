@@ -65,7 +65,7 @@ def test_forces_of_feet_in_the_air_are_zero():
     missed = []
     for foot in range(4):
         stands = np.arange(4) != foot
-        tau, rows = forces.torque(robot.q0, g, stands), A[np.repeat(stands, 3)]
+        tau, rows = forces.solve(robot.q0, g, stands).torque, A[np.repeat(stands, 3)]
         leg = slice(6 + 3 * foot, 9 + 3 * foot)
         assert np.allclose(tau[leg], g[leg], atol=1e-9)  # it bears no more than its own leg
         f = np.linalg.lstsq(rows.T, g - tau, rcond=None)[0]
@@ -106,7 +106,7 @@ def test_lyapunov_equality_with_a_foot_in_the_air():
 
     state, signals = seen(q, v, t)
     command = controller.law.command(signals, controller._model(state, signals, None))
-    tau = controller._forces.torque(q, command.torque, crawl.at(t).feet.stands)
+    tau = controller._forces.solve(q, command.torque, crawl.at(t).feet.stands).torque
     M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
     saddle = np.block([[M, -A.T], [A, np.zeros((9, 9))]])
     a = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[:18]

@@ -71,7 +71,7 @@ def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
     for _ in range(5):
         u, ud, udd = 0.3 * rng.standard_normal((3, 8))
         tau = pin.rnea(robot.model, robot.model.createData(), G @ u, G @ ud, G @ udd)
-        found = forces.torque(G @ u, tau)
+        found = forces.solve(G @ u, tau).torque
         expected = pin.rnea(mimic, mimic.createData(), u, ud, udd)
         assert np.allclose(found[:8], expected, atol=1e-9) and found[8] == 0.0
 
@@ -138,14 +138,17 @@ def test_the_platform_of_a_delta_does_not_turn():
 
 
 @pytest.mark.parametrize("make", [gripper, five_bar, delta])
-def test_lyapunov_equality_under_constraints(make):
+@pytest.mark.parametrize(("adaptation", "off"), [("natural", 1e-8), ("natural-memory", 4e-6)])
+def test_lyapunov_equality_under_constraints(make, adaptation, off):
+    """Differences of V are further off with a memory, which fills within few samples."""
     robot = make()
-    options = {"unknown": RIGID, "gamma_d": 20.0, "limits": pa.Limits(guards=False)}
+    options = {"unknown": RIGID, "gamma_d": 20.0, "adaptation": adaptation}
+    options |= {"limits": pa.Limits(guards=False)}
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
     x = robot.position(robot.q0)
     path = pa.trajectories.Sinusoid(x, 0.02 * np.ones(x.size), 1.0 + 0.1 * np.arange(x.size))
-    energy = energy_along(robot, controller, path, seconds=8e-3, dt=2e-4)
-    assert energy.mismatch(after=5) <= 1e-7
+    energy = energy_along(robot, controller, path, seconds=6e-3, dt=1e-4)
+    assert energy.mismatch(after=20) <= off
 
 
 @pytest.mark.slow
@@ -167,7 +170,7 @@ def test_joints_under_constraints_follow_with_wrong_inertias(make):
     )
     path = pa.trajectories.Sinusoid(x, size, 2.0 + 0.1 * np.arange(x.size))
     ends = []
-    for adaptation in ("none", "natural"):
+    for adaptation in ("none", None):
         controller = pa.make_controller(
             model, unknown=RIGID, adaptation=adaptation, limits=pa.Limits(guards=False)
         )

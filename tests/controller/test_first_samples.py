@@ -180,3 +180,76 @@ def test_wrong_inertias_and_a_load_raise_no_alarm(name, compensated):
             list(loop.run(0.1))
         except pa.ImplausibleError as error:  # an arm that falls is one, but for no such reason
             assert "10 times the limit" in str(error)
+
+
+# --- what is wired or mounted wrong ---
+
+
+class Wired(pa.plants.PinocchioPlant):
+    """An arm with one motor of the other sign, or one that is pushed by 40 N."""
+
+    def __init__(self, robot, signs=1.0, force=0.0):
+        super().__init__(robot)
+        self.signs, self.force = signs, np.array([0.0, force, 0.0])
+
+    def step(self, torque, dt):
+        q, model = self.measure().q, self.robot.model
+        at = model, model.createData(), q, self.robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+        super().step(self.signs * torque + pin.computeFrameJacobian(*at)[:3].T @ self.force, dt)
+
+
+def changed(**changes):
+    """Return what changes signals of a sample by functions of them."""
+    return lambda sample: sample._replace(
+        **{
+            name: change(getattr(sample, name))
+            for name, change in changes.items()
+            if getattr(sample, name) is not None
+        }
+    )
+
+
+SECOND = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])  # the sign of joint 2
+SWAPPED = [0, 1, 2, 4, 3, 5]
+TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+MOMENTUM, FRAME = "more torque beside the motors", "does not move with the joints"
+WRONG = {
+    "motor of the wrong sign": (MOMENTUM, {}),
+    "encoder of the wrong sign": (MOMENTUM, {name: lambda a: SECOND * a for name in "qv"}),
+    "joints swapped": (MOMENTUM, {name: lambda a: a[SWAPPED] for name in "qv"}),
+    "x mirrored": (FRAME, {"x": lambda x: x * [1.0, 1.0, -1.0]}),
+    "x turned": (FRAME, {"x": lambda x: TURNED @ x}),
+    "encoder off": (FRAME, {"q": lambda q: q + 0.5 * np.pi * (SECOND < 0.0)}),
+    "torque of the wrong sign": ("is not what was sent", {"tau": np.negative}),
+}
+
+
+def wired(words, **options):
+    """Return the loop of a UR5 with unknown tool and load, and inertias 30 % too small."""
+    robot = pa.load("ur5")
+    tool = robot.reach * np.array([0.02, -0.02, 0.04])
+    true = robot.changed(tool_translation=tool, payload=pa.Payload(0.05 * robot.mass, com=tool))
+    sensors = pa.Sensors(noise={"tau": 0.1}, torque_offset=0.5) if "sent" in words else None
+    return Loop(
+        robot.changed(inertial_scale=0.7),
+        plant=Wired(true, **options),
+        true=true,
+        adaptation="natural-memory",
+        guards={"position": words == FRAME},
+        sensors=sensors,
+        dt=2e-3,
+    )
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_what_is_wired_or_mounted_wrong_is_refused(fault):
+    words, changes = WRONG[fault]
+    loop = wired(words, signs=SECOND if "motor" in fault else 1.0)
+    moved = loop.refused(words, 0.4, spoil=changed(**changes))[1]
+    assert moved < 20.0 and loop.plant.measure().t < 0.35
+
+
+@pytest.mark.parametrize("words", [FRAME, "sent"])
+def test_a_push_and_a_measured_torque_are_healthy(words):
+    states = list(wired(words, force=40.0).run(0.3))
+    assert len(states) == 150 and not sum(states[-1].bridged)

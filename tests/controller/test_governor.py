@@ -30,12 +30,6 @@ def governor():
     }
 
 
-def target(governor, **changes):
-    """Return target and cause with other inputs."""
-    found, healthy = governor
-    return found.target(**{**healthy, **changes})
-
-
 # --- the time of the path ---
 
 

@@ -72,7 +72,7 @@ def test_a_guard_refuses_by_name_and_can_be_switched_off(name):
     loop.check_refused(words, sample)
     for guards in (without(name), False):
         assert Loop(guards).step(sample).t == sample.t
-    others = without(*(other for other in SWITCHES if other != name), "differences")
+    others = without(*(other for other in SWITCHES if other != name), "differences", "gravity")
     Loop(others).check_refused(words, sample)
 
 

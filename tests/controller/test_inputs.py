@@ -119,13 +119,6 @@ def test_signals_of_the_wrong_shape_are_refused_by_name(loop, field):
         loop.check_refused(kind, words, **{field: spoil(loop.given(field))})
 
 
-def test_a_first_measurement_of_the_wrong_size_is_told_its_size(frame):
-    controller, measurement = frame.controller, frame.measurement
-    with pytest.raises(pa.MeasurementError, match="must be 6 numbers, not 5") as refused:
-        controller.init(measurement._replace(v=np.zeros(5)))
-    assert "safe(" not in str(refused.value)  # there is no state yet
-
-
 @pytest.mark.parametrize("spoil", UNUSABLE.values(), ids=UNUSABLE.keys())
 @pytest.mark.parametrize("field", ["x", "xd"])
 def test_frame_measurements_of_the_wrong_shape_are_refused_by_name(frame, field, spoil):

@@ -44,18 +44,77 @@ def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     rounding = 1e-13 * np.linalg.norm(J) ** 2
     assert inverse.conditioning**2 <= least**2 * (1 + 1e-9) + rounding
     assert inverse.conditioning**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
-    assert (inverse.damping > 0.0) == (inverse.conditioning < s_0)
+    (mu_2,) = set(inverse.damping)
+    assert (mu_2 > 0.0) == (inverse.conditioning < s_0)
     J_plus = np.stack([inverse.solve(e, np.zeros(shape[1])) for e in np.eye(shape[0])], axis=1)
     assert np.linalg.norm(J_plus, 2) <= (1 + 1e-6) / s_0
     u, psi = rng.standard_normal(shape[0]), rng.standard_normal(shape[1])
     missed = u - J @ inverse.solve(u, psi)
-    share = inverse.damping / (least**2 + inverse.damping)
+    share = mu_2 / (least**2 + mu_2)
     assert np.linalg.norm(missed) <= share * np.linalg.norm(u - J @ psi) + 1e-9
-    assert np.allclose(
-        missed,
-        inverse.damping
-        * np.linalg.solve(J @ J.T + inverse.damping * np.eye(shape[0]), u - J @ psi),
-    )
+    expected = mu_2 * np.linalg.solve(J @ J.T + mu_2 * np.eye(shape[0]), u - J @ psi)
+    assert np.allclose(missed, expected)
+
+
+def conflicting(rng, smallest):
+    """A Jacobian (6, 7) of two levels; the second keeps ``smallest`` beside the first."""
+    J = jacobian(rng, (3, 7), 0.5)
+    own = jacobian(rng, (3, 7), 0.5)
+    free = np.linalg.svd(J)[2][3:]
+    own[2] = rng.standard_normal(3) @ J + smallest * free[3]
+    own[:2] = free[:2] + 0.1 * rng.standard_normal((2, 7))
+    return np.concatenate([J, own])
+
+
+def test_a_level_is_met_exactly_whatever_those_behind_it_ask():
+    rng, s_0 = np.random.default_rng(5), 0.2
+    u, psi = rng.standard_normal(6), rng.standard_normal(7)
+    for smallest in (0.1, 1e-3, 0.0):
+        J = conflicting(rng, smallest)
+        order = np.array([1, 4, 0, 3, 5, 2])  # rows of the levels need not be together
+        levels = np.repeat([0.0, 1.0], 3)[order]
+        inverse = RightInverse(J[order], s_0, levels=levels)
+        r = inverse.solve(u[order], psi)
+        assert np.allclose(J[:3] @ r, u[:3], atol=1e-9)
+        mu_2 = inverse.damping[levels == 1.0][0]
+        assert not inverse.damping[levels == 0.0].any() and 0.0 < mu_2 < s_0**2
+        # the second one is nearest in what the first leaves: Siciliano and Slotine's recursion
+        N = np.eye(7) - np.linalg.pinv(J[:3]) @ J[:3]
+        first, B = psi + np.linalg.pinv(J[:3]) @ (u[:3] - J[:3] @ psi), J[3:] @ N
+        least = B.T @ np.linalg.solve(B @ B.T + mu_2 * np.eye(3), u[3:] - J[3:] @ first)
+        assert np.allclose(r, first + least, atol=1e-8)
+        alike = RightInverse(J, s_0).solve(u, psi)
+        assert np.abs(J[:3] @ alike - u[:3]).max() > 1e-3
+    easy = np.linalg.qr(rng.standard_normal((7, 6)))[0].T
+    ours, theirs = RightInverse(easy, s_0, levels=np.repeat([0.0, 1.0], 3)), RightInverse(easy, s_0)
+    assert np.array_equal(ours.solve(u, psi), theirs.solve(u, psi))
+
+
+@pytest.mark.parametrize("first", [0.5, 0.1, 1e-3])  # smallest singular value of the first level
+@pytest.mark.parametrize("smallest", [0.15, 0.03, 1e-3])
+def test_the_rate_of_a_solution_with_priorities_is_its_derivative(smallest, first):
+    rng, s_0 = np.random.default_rng(6), 0.2
+    J, Jdot = conflicting(rng, smallest), rng.standard_normal((6, 7))
+    U, sigma, V = np.linalg.svd(J[:3], full_matrices=False)
+    J[:3] = U @ np.diag([*sigma[:2], first]) @ V
+    u, ud, psi, psid = (rng.standard_normal(k) for k in (3, 3, 7, 7))
+    w, wd = rng.standard_normal((2, 3))
+    A, A_rate = J[:3], Jdot[:3]  # constraints come before all tasks
+    task, task_rate, levels = J[3:], Jdot[3:], np.array([1.0, 0.0, 0.0])
+
+    def inverse(t):
+        found = RightInverse(task + t * task_rate, s_0, (A + t * A_rate, A_rate), levels)
+        found.moving(w + t * wd, wd)
+        return found
+
+    def at(t):
+        return inverse(t).solve(u + t * ud, psi + t * psid)
+
+    r, rate = inverse(0.0).solve_with_rate(u, psi, ud, psid, task_rate)
+    assert np.allclose(r, at(0.0), rtol=1e-12)
+    assert np.allclose(derivative(at, h=1e-6), rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
+    if first == 0.5:
+        assert np.allclose(A @ r, w, atol=1e-9)  # no damping there
 
 
 @pytest.mark.parametrize("smallest", [0.5, 0.15, 0.03, 1e-3, 1e-6])

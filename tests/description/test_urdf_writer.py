@@ -87,23 +87,6 @@ def test_only_changes_are_written(name):
     assert link.startswith("link:") and {path[1].split(":")[0] for path in touched} == {"inertial"}
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_mujoco_reads_the_same_mass_matrix(name, tmp_path):
-    mujoco = pytest.importorskip("mujoco")
-    robot = catalogue_robot(name).changed(payload=LOAD)
-    robot.save(tmp_path / "out.urdf", shapes=False)
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.urdf"))
-    data, n = mujoco.MjData(model), robot.model.nv
-    angles = robot.home_angles + 0.1
-    data.qpos[:n] = angles
-    mujoco.mj_forward(model, data)
-    M = np.zeros((model.nv, model.nv))
-    for row, unit in zip(M, np.eye(model.nv), strict=True):
-        mujoco.mj_mulM(model, data, row, unit)
-    expected = pin.crba(robot.model, robot.model.createData(), robot.at(angles).q0)
-    assert np.abs(M[:n, :n] - expected).max() < 2e-4 * np.abs(expected).max()
-
-
 def test_a_body_lighter_than_its_fixed_links_is_the_same_when_read_again(tmp_path):
     robot = catalogue_robot("panda")  # hand and fingers weigh as much as its last link
     light = robot.changed(inertial_scale={"panda_joint7": 0.3})

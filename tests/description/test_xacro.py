@@ -1,6 +1,5 @@
 """Xacro files are expanded with arguments and without ROS; errors name file and reason."""
 
-import numpy as np
 import pytest
 
 import pinadapt as pa
@@ -48,27 +47,10 @@ def test_arguments_have_defaults(arm):
     assert len(robot.visual.geometryObjects) == 1
 
 
-def test_arguments_are_numbers_texts_and_booleans(arm):
-    robot = pa.load(arm, frame="tip", xacro={"reach": 0.45, "tool": False})
-    assert forearm(robot) == 0.45
-    assert not robot.model.existFrame("probe")
-
-
 @pytest.mark.parametrize("name", ["arm.xml", "arm.urdf"])
 def test_a_file_is_a_program_only_by_its_name(arm, name):
     with pytest.raises(pa.RobotError, match=r"whose name ends in \.xacro"):
         pa.load(arm.rename(arm.with_name(name)))
-
-
-def test_expressions_are_those_of_python(arm):
-    words = "${[2 * x for x in (0.05,)][0]}"
-    arm.write_text(ARM.replace("${2 * 0.05}", words))
-    plain, comprehension = pa.load(arm, frame="tip"), pa.load(arm, frame="probe")
-    lengths = [
-        r.model.frames[r.model.getFrameId(r.frame)].placement.translation[0]
-        for r in (plain, comprehension)
-    ]
-    assert np.isclose(lengths[1] - lengths[0], 0.1)
 
 
 def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):

@@ -78,25 +78,6 @@ def test_it_keeps_the_limits_between_the_checked_instants(name):
     assert motion.limits.velocity.max() <= 0.8 + 1e-9 and motion.limits.effort.max() <= 0.8
 
 
-@pytest.mark.parametrize(("share", "allowed"), [(0.99, True), (1.01, False)])
-def test_a_joint_may_use_four_fifths_of_its_speed_and_of_its_torque(share, allowed):
-    robot = catalogue_robot("scara")
-    limits, model, n = Allowance.of(robot, None, 0.0), robot.model, robot.model.nv
-    fastest = [1.0 if slides else 2.5 for slides in robot.slides.values()]
-    speed = share * np.minimum(0.8 * velocity_limits(model), fastest)
-    effort = share * 0.8 * model.effortLimit
-    data, rest = model.createData(), np.zeros(n)
-    gravity = pin.rnea(model, data, robot.q0, rest, rest).copy()
-    for j in range(n):
-        v, torque = np.zeros(n), gravity.copy()
-        v[j], torque[j] = speed[j], effort[j]
-        with_speed = v, pin.aba(model, data, robot.q0, v, gravity).copy()
-        with_torque = rest, pin.aba(model, data, robot.q0, rest, torque).copy()
-        for state in (with_speed, with_torque):
-            one = (robot.home_angles[None], robot.q0[None], *(each[None] for each in state))
-            assert limits.kept(*one) == (limits.excess(*one).max() == 0.0) == allowed
-
-
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_excites_all_identifiable_combinations_and_gains_more_than_random_motions(name):
     motion = excited(name)

@@ -1,5 +1,6 @@
 """Uncertainties of identified parameters, loads by difference, and logs to test on."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
         assert np.count_nonzero(known) > 15
         away = np.abs(estimates[0] - estimates[1])[known]
         near += (away < 2.0 * deviations[:, known].min(axis=0)).tolist()
-        dynamics = identified(one).estimator.controller.dynamics.inertial
+        dynamics = identified(one).controller.dynamics.inertial
         truth = dynamics.value(arm().changed(armature=0.0, friction=pa.Friction.none(6)))
         own = parts[0].deviations[: truth.size]
         off = np.abs(parts[0].estimate[: truth.size] - truth)
@@ -95,3 +96,16 @@ def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
     known = np.isfinite(load.com_known_to)
     assert (np.abs(load.com - LOAD.com) < 3.0 * load.com_known_to)[known].all()
     assert found.summary()["payload"]["mass"] == load.mass
+
+
+def test_the_uncertainty_of_a_load_covers_wrong_torque_gains():
+    gains = np.random.default_rng(100).normal(1.0, 0.08, 6)
+    loaded, empty = (
+        replace(log, tau=log.tau * gains) for log in (log_of_arm(5, loaded=True), log_of_arm(20))
+    )
+    unknown = pa.Unknown(friction=True, armature=False)
+    robot = catalogue_robot("ur5")
+    found = pa.identify(loaded, robot, empty=empty, unknown=unknown, progress=False)
+    load = found.payload()
+    assert abs(load.mass - LOAD.mass) < 2.0 * load.mass_known_to
+    assert load.mass_known_to > 0.03 * LOAD.mass  # without gains: 2 %

@@ -18,7 +18,7 @@ CASES = ["ur5", "kinova", "scara"]
 def windows(name, log):
     """Return the windows of a log, and the parameters of the true robot."""
     robot = catalogue_robot(name)
-    dynamics = pa.make_estimator(robot).controller.dynamics
+    dynamics = pa.make_controller(robot).dynamics
     motion = motion_of_log(robot, log)
     found = Windows.of(motion, Averages(motion.t, log.period), dynamics)
     return found, dynamics.value(true_robot(name))
@@ -42,7 +42,7 @@ def test_the_error_is_that_of_friction_alone(dt):
     q, v = log.q, log.v
     a = np.gradient(v, dt, axis=0, edge_order=2)
     log = replace(log, tau=torques(smooth, q, v, a))
-    dynamics = pa.make_estimator(robot).controller.dynamics
+    dynamics = pa.make_controller(robot).dynamics
     moved = motion_of_log(robot, log)
     found = Windows.of(moved, Averages(moved.t, dt), dynamics)
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here

@@ -118,7 +118,7 @@ def test_an_impossible_log_is_refused(robot, log):
         with pytest.raises(pa.LogError, match=f"(?i){re.escape(words)}"):
             pa.read_log(flaw, robot)
     assert pa.read_log(log, robot) is not None
-    with pytest.raises(pa.LogError, match=r"q: has numbers beyond 1e\+30"):
+    with pytest.raises(pa.LogError, match=r"q: has numbers beyond"):
         replace(log, q=1e308 + log.q)
 
 

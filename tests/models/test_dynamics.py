@@ -51,36 +51,6 @@ def test_identities_on_random_chains(robot):
     check_identities(robot)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("unknown", ["all", "payload", "none", "one"])
-def test_torque_and_mass_matrix_are_affine_in_the_estimate(name, unknown):
-    robot = catalogue_robot(name)
-    dynamics = pa.models.BodyDynamics(robot, robot.joint_names[0] if unknown == "one" else unknown)
-    rng = np.random.default_rng(0)
-    q, v, a = random_state(robot, rng)
-    data = robot.model.createData()
-    assert np.allclose(
-        dynamics.torque(q, v, a), pin.rnea(robot.model, data, q, v, a)
-    )  # armature included
-    assert np.allclose(dynamics.mass_matrix(q), pin.crba(robot.model, data, q))
-    a_hat = dynamics.initial + rng.standard_normal(dynamics.size)  # unphysical on purpose
-    known = dynamics.torque(q, v, a) - dynamics.regressor(q, v, a) @ dynamics.initial
-    M0 = dynamics.mass_matrix(q)
-    dynamics.load(a_hat)
-    assert np.allclose(
-        dynamics.torque(q, v, a), dynamics.regressor(q, v, a) @ a_hat + known, atol=1e-9
-    )
-    zero = np.zeros(robot.model.nv)
-    for i, e in enumerate(np.eye(robot.model.nv)):
-        change = (dynamics.regressor(q, zero, e) - dynamics.regressor(q, zero, zero)) @ (
-            a_hat - dynamics.initial
-        )
-        assert np.allclose(dynamics.mass_matrix(q)[:, i] - M0[:, i], change, atol=1e-9)
-    Y_r, torque = dynamics.slotine_li(q, v, v, a)
-    assert np.allclose(Y_r, dynamics.regressor(q, v, a), atol=1e-10)
-    assert np.allclose(torque, dynamics.torque(q, v, a), atol=1e-9)
-
-
 @pytest.mark.parametrize("masses", ["zero", "negative", "tiny"])
 def test_estimates_with_zero_or_negative_masses_are_evaluated_exactly(masses):
     robot = catalogue_robot("ur5")

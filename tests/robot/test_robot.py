@@ -146,14 +146,6 @@ def test_models_with_impossible_numbers_are_refused(what):
 # --- changed() ---
 
 
-def test_inertial_scale_scales_all_torques():
-    robot = load("panda")
-    q, v, a = random_state(robot, np.random.default_rng(1))
-    heavier = robot.changed(inertial_scale=1.7)
-    tau, tau_heavier = (pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, heavier))
-    assert np.allclose(tau_heavier, 1.7 * tau, atol=1e-12)
-
-
 LOAD = pa.Payload(
     1.5, [0.02, -0.01, 0.05], [0.010, 0.001, 0.012, 0.002, 0.003, 0.014]
 )  # Ixx Ixy Iyy Ixz Iyz Izz
@@ -172,24 +164,6 @@ def test_a_payload_is_a_body_fixed_at_the_urdfs_frame(tool):
     tau, expected = (pin.rnea(model, model.createData(), q, v, a) for model in (loaded, by_hand))
     assert np.allclose(tau, expected, atol=1e-11)
     assert np.abs(expected - pin.rnea(robot.model, robot.model.createData(), q, v, a)).max() > 0.1
-
-
-def test_tool_translation_is_in_the_frames_own_axes():
-    robot, shift = load("panda"), np.array([0.03, -0.02, 0.12])
-    q, _, _ = random_state(robot, np.random.default_rng(3))
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    moved = robot.changed(tool_translation=shift).position(q) - robot.position(q)
-    assert np.allclose(moved, data.oMf[robot.frame_id].rotation @ shift, atol=1e-12)
-
-
-def test_link_translation_is_in_the_parent_joints_axes():
-    robot, shift = load("panda"), np.array([0.01, 0.02, -0.03])
-    q, _, _ = random_state(robot, np.random.default_rng(4))
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q)
-    moved = robot.changed(link_translation={"panda_joint4": shift}).position(q) - robot.position(q)
-    assert np.allclose(moved, data.oMi[3].rotation @ shift, atol=1e-12)
 
 
 def test_changed_models_share_no_data():

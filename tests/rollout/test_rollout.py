@@ -7,24 +7,11 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.rollout.recording import Evaluation, Slowdown
+from pinadapt.rollout.recording import Evaluation, Shortfall, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED
-from tests.support.loops import ARRAYS, run, with_tool_and_load
+from tests.support.loops import with_tool_and_load
 
 pytestmark = pytest.mark.slow
-
-
-def test_save_and_plot_write_files(tmp_path, blank_pictures):
-    rollout = run(duration=0.02)
-    rollout.save(tmp_path / "new" / "folder")
-    paths = rollout.plot(tmp_path / "new" / "folder")
-    assert [path.name for path in paths] == ["error.png", "parameters.png", "torque.png"]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
-    saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
-    assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
-    assert (
-        json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
-    )
 
 
 # --- quantities computed on demand ---
@@ -84,7 +71,9 @@ def joint_run():
 def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, unpainted):
     rollout = make()
     slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
+    short = (Shortfall(0.03, 0.04, "contact of foot", 12.0),)
     rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)
+    rollout = replace(rollout, infeasible=short)
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
     for name in RECORDED + COMPUTED:

@@ -1,7 +1,6 @@
 """Scenario files: allowed keys, their meaning, and errors."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -10,74 +9,6 @@ from pinadapt.scenario.scenario import Scenario
 from tests.support.paths import ARM4
 
 PLANAR = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
-
-INTERFACE = """
-title = "Panda with an unknown tool and load"
-
-[robot]
-source = "panda"
-frame  = "panda_hand_tcp"
-task   = "xyz"
-locked = ["panda_finger_joint1"]
-q0     = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
-gravity = [0.0, 0.0, -9.81]
-
-[truth]
-tool_translation = [0.03, -0.02, 0.12]
-payload = { mass = 1.5, com = [0.02, -0.01, 0.05], inertia = [0.01, 0.0, 0.012, 0.0, 0.0, 0.004] }
-inertial_scale = 1.0
-link_translation = { panda_joint4 = [0.0, 0.0, 0.01] }
-friction = { viscous = 0.1, coulomb = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2] }
-
-[model]
-inertial_scale = 0.7
-
-[start]
-a_k = [0.01, 0.02, 0.2]
-
-[unknown]
-tool = true
-bodies   = "all"
-
-[controller]
-law = "adaptive-inverse-dynamics"
-adaptation = "natural"
-Kv = 40.0
-Kp = 400.0
-alpha = 5.0
-gamma_d = 10.0
-gamma_k = 0.05
-R_k = 50.0
-Q = 1.0
-lambda_ = 10.0
-lambda_a = 0.016666
-dt = 1e-3
-
-[trajectory]
-kind = "circle"
-center = [0.5, 0.0, 0.5]
-radius = 0.1
-period = 3.0
-plane  = "yz"
-phase  = 0.0
-
-[simulation]
-duration = 10.0
-seed = 0
-record_every = 1
-
-[engine]
-plant = "pinocchio"
-substeps = 4
-torque_limits = false
-
-[sensors]
-noise  = { q = 0.0, v = 0.0, x = 0.0 }
-camera = { delay = 0.0 }
-
-[limits]
-torque = false
-"""
 
 
 def write(tmp_path, text):
@@ -98,27 +29,6 @@ def scara(tmp_path, text):
 
 
 # --- what a file means ---
-
-
-def test_every_key_of_the_interface_is_accepted(tmp_path):
-    scenario = Scenario.read(write(tmp_path, INTERFACE))
-    true, believed, controller = scenario.true, scenario.estimated, scenario.controller
-    described = pa.load("panda")
-    assert np.isclose(pin.computeTotalMass(true.model), pin.computeTotalMass(described.model) + 1.5)
-    assert np.isclose(
-        pin.computeTotalMass(believed.model), 0.7 * pin.computeTotalMass(described.model)
-    )
-    assert np.allclose(true.friction.torque(np.ones(7)), 0.3)
-    assert np.allclose(true.home_angles, [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-    law = controller.law
-    assert np.allclose(law.K_v, 40.0 * np.eye(3))
-    assert np.allclose(law.K_P, 400.0 * np.eye(3))
-    assert law.filters.task_velocity.bandwidth == 10.0
-    assert np.isclose(law.filters.joint_velocity.bandwidth, 1.0 / 0.016666)
-    assert np.allclose(scenario.trajectory.at(0.0).x_d, [0.5, 0.1, 0.5])
-    velocity = ["controller.law=adaptive-inverse-dynamics-velocity"]  # the law that has a Q
-    law = Scenario.read(write(tmp_path, INTERFACE), velocity).controller.law
-    assert np.allclose(law.Q, np.eye(6))
 
 
 def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):

@@ -101,16 +101,6 @@ def test_a_run_is_the_same_until_the_change_and_another_after_it(mode):
     assert not np.allclose(changed.q[32], plain.q[32], rtol=0.0, atol=1e-9)
 
 
-def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_tip():
-    robots = {0.04: arm(), 0.02: arm(payload=HEAVY, tool_translation=TOOL)}
-    rollout = loop(robots)
-    assert [words for _, words in rollout.marks] == ["+0.8 kg, tool", "-1.2 kg, tool"]
-    tips = np.array([arm().position(q) for q in rollout.q])
-    off = np.linalg.norm(rollout.x - tips, axis=1)
-    assert np.allclose(off[20:40], np.linalg.norm(TOOL)) and np.allclose(off[:20], 0.0)
-    assert np.allclose(off[40:], 0.0)
-
-
 def test_the_true_parameters_are_those_of_each_time():
     anywhere = {"position": False}  # by default a frame jumping with an unannounced tool is refused
     rollout = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}, guards=anywhere)

@@ -56,15 +56,6 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
     assert errors[-1] < 1e-4
 
 
-def test_continuous_mode_converges_with_its_step():
-    control = {"dt": 1e-3, "adaptation": "natural"}
-    ends = [
-        run("scara", duration=0.06, engine=pa.Engine(dt=dt, continuous=True), control=control).x[-1]
-        for dt in (2e-3, 1e-3, 5e-4)
-    ]
-    assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
-
-
 # --- the controller ---
 
 

@@ -36,7 +36,7 @@ def torso_with_two_arms() -> pin.Model:
 def two_arms(**options) -> pa.Robot:
     """Return it with both hands as task frames."""
     bent = [0.1, 0.3, 0.5, 0.9, 0.2, -0.4, 0.6, 0.8, -0.3]
-    return pa.load(torso_with_two_arms(), frames=ENDS, **{"q0": bent, **options})
+    return pa.load(torso_with_two_arms(), **{"frames": ENDS, "q0": bent, **options})
 
 
 def with_tools_and_loads(robot: pa.Robot) -> pa.Robot:

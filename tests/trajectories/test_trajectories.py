@@ -57,17 +57,6 @@ def test_a_circle_starts_on_the_first_axis_of_its_plane_and_turns_to_the_second(
     assert np.allclose(later.at(0.0).x_d, circle.at(0.5).x_d)
 
 
-def test_sinusoids_reproduce_references_from_the_literature():
-    """Two-joint references in common use, at a time of no symmetry."""
-    t, degrees = 0.23, np.radians([30.0, 45.0])
-    first = pa.trajectories.Sinusoid(degrees, degrees, 1.0).at(t)
-    assert np.allclose(first.x_d, degrees * (1 - np.cos(2 * np.pi * t)))
-    center, periods = [np.pi / 4 + 2, np.pi / 6 + 1], [2 * np.pi / 3, 2 * np.pi / 5]
-    second = pa.trajectories.Sinusoid(center, [2.0, 1.0], periods).at(t)
-    assert np.isclose(second.x_d[0], np.pi / 4 + 2 * (1 - np.cos(3 * t)))
-    assert np.isclose(second.x_d[1], np.pi / 6 + (1 - np.cos(5 * t)))
-
-
 def test_a_fourier_series_is_the_sum_of_its_harmonics():
     series = pa.trajectories.FourierSeries([1.0], [[0.1, 0.2]], [[0.3, -0.4]], 4.0)
     w, t = np.pi / 2, 0.7

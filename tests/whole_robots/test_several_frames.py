@@ -25,6 +25,8 @@ from tests.support.two_arms import (
     with_tools_and_loads,
 )
 
+HELD = pa.Loop(*ENDS, closed=False)  # one point of an object
+TURNED = pa.Loop(*ENDS, rows=(4,), closed=False)  # the hands turn alike about an axis
 TIAGO = ["arm_left_tool_link", "arm_right_tool_link"]
 UNPHYSICAL = pytest.mark.filterwarnings("ignore:the inertias of the bodies")  # of TIAGo's shoulders
 
@@ -63,9 +65,8 @@ REFUSED = [
     ({"frames": ENDS, "frame": ENDS[0]}, "not both"),
     ({"frames": 3}, "list of names"),
     ({"frames": [*ENDS, "left_wrist"]}, "singular in every pose"),  # on the same body
-    ({"frames": ENDS, "task": "joint"}, "fixed base"),
-    ({"frames": ENDS, "base": "free"}, "fixed base"),
-    ({"frames": ENDS, "passive": ["torso"]}, "fixed base"),
+    ({"frames": ENDS, "task": "joint"}, "not by the joints"),
+    ({"frames": ENDS, "loops": [HELD]}, "6 rows of the task cannot move independently"),
     ({"frames": ENDS, "task": "pose"}, "12 coordinates"),
     ({"frames": ENDS, "task": "image", "pixel": 0.002}, "one task frame"),
 ]
@@ -171,6 +172,30 @@ def test_lyapunov_equality_of_two_arms(law):
     energy = energy_along(true, controller, path, seconds=0.02, dt=2e-4)
     assert energy.mismatch() <= 1e-5
     assert energy.largest_rise() < 0.0
+
+
+def test_lyapunov_equality_of_two_arms_under_a_constraint():
+    robot = two_arms(loops=[TURNED])
+    assert len(robot.constrained.at(robot.q0, np.zeros(9))[0]) == 1
+    true = robot.changed(payload={ENDS[0]: pa.Payload(0.8, [0.02, 0.0, 0.05])})
+    controller = pa.make_controller(robot, limits=pa.Limits(guards=False))
+    energy = energy_along(true, controller, circles(true), seconds=0.02, dt=2e-4)
+    assert energy.mismatch(after=5) <= 1e-5
+
+
+def test_the_second_frame_yields_to_the_first():
+    """The right hand is asked beyond its reach, where both would have the torso turn."""
+    errors, ways = {}, {"left_hand": np.zeros(3), "right_hand": np.array([0.2, -0.1, 0.0])}
+    for ends in (ENDS, ENDS[::-1]):
+        robot = two_arms(frames=ends)
+        own = [pa.trajectories.Waypoints([np.zeros(3), ways[end]], 1.0) for end in ends]
+        path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0))
+        rollout = pa.simulate(robot, pa.make_controller(robot), path, duration=1.0, progress=False)
+        last = np.linalg.norm(rollout.error[-1].reshape(2, 3), axis=1)
+        errors |= {(ends[0], end): error for end, error in zip(ends, last, strict=True)}
+    assert errors["left_hand", "right_hand"] > 0.03 < errors["right_hand", "right_hand"]
+    assert errors["left_hand", "left_hand"] < 5e-6  # 3.7 mm where both count alike
+    assert errors["right_hand", "left_hand"] > 2e-3
 
 
 @pytest.mark.slow

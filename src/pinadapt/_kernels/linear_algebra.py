@@ -11,22 +11,35 @@ from .._compiled import compiled
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
 
-@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])")
-def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[float, float, bool]:
-    """Write (J J^T + mu^2 I)^-1 (m, m); return s, mu^2 and whether the rank is lost.
+@compiled("Tuple((f8, b1))(f8[:,:], f8, f8[:], f8[:], f8[:,::1])", fills=2)
+def invert_gram(
+    J: np.ndarray,
+    threshold: float,
+    levels: np.ndarray,
+    damping: np.ndarray,
+    inverse: np.ndarray,
+) -> tuple[float, bool]:
+    """Write mu^2 of the rows (m) and (J J^T + diag mu^2)^-1 (m, m); return s, and if rank is lost.
 
     By Gauss-Jordan elimination, whose pivots are positive for a positive definite matrix. Undamped
-    s^-2 is the trace of the inverse.
+    s^-2 is the trace of the inverse. Where s is too small, that of each level (m, from 0) follows
+    in turn from the inverse of its own rows and those of the levels before, and its mu^2 from s.
     """
     m, n = J.shape
-    A, s, mu_2, lost = inverse, 0.0, 0.0, False
-    for damped in (False, True):
-        squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and the trace
+    A, s, mu_2, lost, last = inverse, 0.0, 0.0, False, 0.0
+    for i in range(m):
+        damping[i], last = 0.0, max(last, levels[i])
+    level = -1.0  # all rows without damping; at the end all rows with it
+    while level <= last + 1.0:
+        squares, size, lost, whole = 0.0, 0.0, False, level < 0.0 or level > last
         for i in range(m):
             for j in range(m):
-                A[i, j] = mu_2 if i == j else 0.0
-                for t in range(n):
-                    A[i, j] += J[i, t] * J[j, t]
+                A[i, j] = damping[i] if i == j else 0.0
+                if whole or max(levels[i], levels[j]) <= level:
+                    for t in range(n):
+                        A[i, j] += J[i, t] * J[j, t]
+                elif i == j:
+                    A[i, i] = 1.0
             squares += A[i, i]
         for k in range(m):
             pivot, A[k, k] = A[k, k], 1.0
@@ -39,14 +52,21 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
                     for j in range(m):
                         A[i, j] -= factor * A[k, j]
         for i in range(m):
-            size += A[i, i]
-        if not damped:
-            s = 0.0 if lost else 1.0 / math.sqrt(size)
+            if whole or levels[i] == level:
+                size += A[i, i]
+        own = 0.0 if lost else 1.0 / math.sqrt(size)
+        if level < 0.0:
+            s = own
             if not s < threshold:
                 lost |= threshold == 0.0 and not size * squares < _LOST_RANK
                 break
-            mu_2 = 0.5 * (threshold * threshold - s * s)
-    return s, mu_2, lost
+        elif level <= last and own < threshold:
+            mu_2 += 0.5 * (threshold * threshold - own * own)
+        for i in range(m):
+            if levels[i] == level:
+                damping[i] = mu_2
+        level += 1.0
+    return s, lost
 
 
 @compiled("b1(f8[:,:], f8[:])", fills=2)
@@ -72,7 +92,8 @@ def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
 
 
 @compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])",
+    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:], "
+    "f8[:], f8[:], f8[:], f8[:])",
     fills=4,
 )
 def right_inverse_and_rate(
@@ -83,7 +104,7 @@ def right_inverse_and_rate(
     ud: np.ndarray,
     psid: np.ndarray,
     Jdot: np.ndarray,
-    damping_rate: float,
+    damping_rate: np.ndarray,
     missed: np.ndarray,
     y: np.ndarray,
     x: np.ndarray,
@@ -114,7 +135,7 @@ def right_inverse_and_rate(
         x[t], rate[t] = psi[t], psid[t]
     add_solution(u, x)
     for i in range(m):
-        missed[i] = ud[i] - damping_rate * y[i]
+        missed[i] = ud[i] - damping_rate[i] * y[i]
         for t in range(n):
             missed[i] -= Jdot[i, t] * x[t]
             rate[t] += Jdot[i, t] * y[i]

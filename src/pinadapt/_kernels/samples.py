@@ -9,20 +9,20 @@ import numpy as np
 from .._compiled import compiled
 
 # What is wrong with a joint, and from TURNED on with the rest of a sample.
-FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT, TURNED, MOVED, FROZEN, STRONG = range(11)
+(
+    FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT, TURNED, MOVED, STRONG, OTHER, AGAINST,
+) = range(12)  # fmt: skip
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
-# Rows of bounds, one number a joint, and numbers of a frame; see ``Guards``.
+# Rows of bounds, one number a joint; see ``Guards``.
 FASTEST, TOLERANCE, LEAP, CLEAR, SLOW, LOWEST, HIGHEST = range(7)
-FARTHEST, FLOOR, UNKNOWN = range(3)
 
 # The trail: what is kept of the samples to compare the next one with. By channel how many were
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
-# joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
+# joints; and then ROWS numbers of each joint.
 (
-    JOINTS, FRAME, TORQUE, TIME, BRIDGED, _, _, _, STEPPED, STEP, SEEN, SINCE, RECENT,
-    ERROR, _, _, PLACE, _, _, TRAIL,
-) = range(20)  # fmt: skip
+    JOINTS, FRAME, TORQUE, TIME, BRIDGED, _, _, _, STEPPED, STEP, SINCE, TRAIL,
+) = range(12)  # fmt: skip
 (
     RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, SIZE, BOUND,
     DISTRUST, UNSEEN, DISPLACED, ROWS,
@@ -40,7 +40,7 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 
 
 @compiled(
-    "i8(f8[:], f8[:], f8[:], f8, f8, f8, f8[:,::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
+    "i8(f8[:], f8[:], f8[:], f8, f8, f8[:,::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
     fills=3,
 )
 def check_joints(
@@ -49,7 +49,6 @@ def check_joints(
     v: np.ndarray,
     dt: float,
     decay: float,
-    late: float,
     bounds: np.ndarray,
     places: np.ndarray,
     before: np.ndarray,
@@ -85,7 +84,6 @@ def check_joints(
         v: (n) joint velocity [rad/s or m/s].
         dt: since the sample before [s]; infinite: it is compared with none.
         decay: of the velocity of which nothing is used, as of an arm that is damped [1/s].
-        late: time in which turns of the joints are remembered for frames [s].
         bounds: (7, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
         before: the trail.
@@ -195,42 +193,11 @@ def check_joints(
         after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
     after[STEPPED] = 1.0
     after[SINCE] += turned
-    after[RECENT] = math.exp(-dt / late) * after[RECENT] + turned
     if not wrong:
         after[BRIDGED + JOINTS] = 0.0
     if after[BRIDGED + FRAME] > 0.0:
         after[BRIDGED + FRAME] += dt
     return 2 if wrong else 1 if resting else 0
-
-
-@compiled("f8(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
-def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> float:
-    """Return the bound that a frame x exceeds, or keep it in the trail and return zero [m].
-
-    The residual is the change of the error e = p_hat - x (m_p) since the last frame. Learning
-    explains |e|, and unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since
-    then and shortly before. A frame that is the same to the bit while the joints move explains
-    nothing.
-    """
-    m, size, change, far = len(p_hat), 0.0, 0.0, 0.0
-    same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
-    for k in range(m):
-        far += (p_hat[k] - x[k]) ** 2
-        same &= x[k] == trail[PLACE + k]
-        change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
-        size += trail[ERROR + k] ** 2
-    floor = numbers[FLOOR]
-    bound = floor + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(size)
-    if far > numbers[FARTHEST] ** 2:
-        return numbers[FARTHEST]
-    if trail[SEEN] != 0.0 and change > bound**2:
-        return bound
-    if same:
-        return floor if moved > floor and change > floor**2 else 0.0
-    trail[SEEN], trail[BRIDGED + FRAME], trail[SINCE] = 1.0, 0.0, 0.0
-    for k in range(m):
-        trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
-    return 0.0
 
 
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
+from ..models.sums import sums_of
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .least_squares import PredictionWeight
 
@@ -145,7 +146,7 @@ class CompositeMemory(Wrapper):
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
-    _parts = 5
+    _parts = 4
 
     def __init__(
         self,
@@ -192,10 +193,10 @@ class CompositeMemory(Wrapper):
         self._variance = self.noise * self.noise
 
     def _own(self, start: np.ndarray) -> tuple:
-        """Return A = 0, b = 0, no gradient, the time to its next evaluation, and Pi a_0."""
+        """Return no sums, no gradient, the time to its next evaluation, and the prior's sums."""
         p = start.size
-        told = np.zeros(p) if self.prior is None else self.prior.dot(start)
-        return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros(1), told
+        prior = np.zeros(1) if self.prior is None else sums_of(np.eye(p), start, self.prior)
+        return np.zeros((p + 1, p + 1)), np.zeros(p), np.zeros(1), prior
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with A = unit H and b = A a_hat for other data.
@@ -205,8 +206,8 @@ class CompositeMemory(Wrapper):
         """
         estimate = super().init(value)
         if information is not None:
-            A = self.unit * information
-            estimate.memory = (A, A.dot(estimate.value), *estimate.memory[2:])
+            sums = sums_of(np.eye(len(information)), estimate.value, self.unit * information)
+            estimate.memory = (sums, *estimate.memory[1:])
         return estimate
 
     def recorded(self, estimate: Estimate) -> Estimate:
@@ -220,13 +221,12 @@ class CompositeMemory(Wrapper):
         rate = self.inner.rate(self._inner(estimate), self._total(drive, gradient))
         rates = [0.0 * part for part in estimate.memory[: self._parts]]
         if gradient is not None:
-            new = zip(self._told(estimate, drive), estimate.memory[:2], strict=True)
-            rates[:2] = [told - fading * part for told, part in new]
+            rates[0] = self._told(estimate, drive) - fading * estimate.memory[0]
         return Estimate(rate.value, (*rates, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, gradient, due, told = estimate.memory[: self._parts]
+        sums, gradient, due, prior = estimate.memory[: self._parts]
         if drive.W is None or drive.saturated:
             after = self.inner.step(self._inner(estimate), self._total(drive, None), dt)
             return self._outer(estimate.memory[: self._parts], after)
@@ -234,11 +234,9 @@ class CompositeMemory(Wrapper):
             span = max(self.interval, dt)
             due = np.array([span])
             gradient, fading = self._recalled(estimate, drive)
-            kept = math.exp(-fading * span)
-            A_new, b_new = self._told(estimate, drive)
-            A, b = span * A_new + kept * A, span * b_new + kept * b
+            sums = span * self._told(estimate, drive) + math.exp(-fading * span) * sums
         after = self.inner.step(self._inner(estimate), self._total(drive, gradient), dt)
-        return self._outer((A, b, gradient, due - dt, told), after)
+        return self._outer((sums, gradient, due - dt, prior), after)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
@@ -251,13 +249,13 @@ class CompositeMemory(Wrapper):
         recalled = 0.0 if gradient is None else self.speed / self.share * gradient
         return Drive(drive.Y, drive.e, gradient=drive.gradient + recalled)
 
-    def _told(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return W^T R W + Pi (p, p) and W^T R y + Pi a_0 (p) of a prediction error, per second."""
+    def _told(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return the sums (p + 1, p + 1) of a prediction error and of the prior, per second."""
         W = drive.W
         assert W is not None
-        W_R = W.T * (self._bandwidth / self._variance)
-        A, b = W_R.dot(W), W_R.dot(W.dot(estimate.value) - drive.residual)
-        return (A, b) if self.prior is None else (A + self.prior, b + estimate.memory[4])
+        y = W.dot(estimate.value) - drive.residual
+        R = self._bandwidth / self._variance * np.eye(len(W))
+        return sums_of(W, y, R) + estimate.memory[3]
 
     def _recalled(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
         """Return H da (p) and mu [1/s]; None and zero without a prediction error.
@@ -269,7 +267,8 @@ class CompositeMemory(Wrapper):
             return None, 0.0
         from scipy.linalg.lapack import dgesv  # slow to import
 
-        (A, b), inner, n = estimate.memory[:2], self._inner(estimate), len(W)
+        sums, inner, n = estimate.memory[0], self._inner(estimate), len(W)
+        A, b = sums[:-1, :-1], sums[:-1, -1]
         moved = self.inner.gain_times(inner, A)  # kappa P A
         moved.flat[:: len(b) + 1] += self.share
         sides = np.column_stack([A.dot(estimate.value) - b, W.T])

@@ -7,6 +7,7 @@ import runpy
 import time
 from argparse import ArgumentParser, Namespace
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -280,6 +281,8 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
     here = measurement
     if here.x is None:
         here = here._replace(x=robot.position(here.q))
+    if robot.contacts:  # it stands elsewhere than at home
+        robot = replace(robot, q0=here.q)
     return starting_from(trajectory_of(dict(table or {}), robot), robot, here)
 
 

@@ -3,7 +3,6 @@
 from ..records import SensorQuality as SensorQuality
 from .announcement import NominalRobot as NominalRobot
 from .controller import Controller as Controller
-from .estimator import Estimator as Estimator
 from .governor import Governor as Governor
 from .governor import PathTime as PathTime
 from .learned import LearnedParameters as LearnedParameters

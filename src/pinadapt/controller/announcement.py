@@ -10,7 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation
 from ..description.chain import frame_id
 from ..exceptions import ParameterError
@@ -79,11 +78,9 @@ def announced_state(
     if tool_translation is None:
         return state
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
-    trail = state.sensed.trail.copy()
-    trail[kernels.SEEN] = 0.0  # the next frame is that of another tool
     return state._replace(
         kinematic=controller.adaptation_k.init(a_k),
-        sensed=state.sensed._replace(trail=trail),
+        sensed=state.sensed._replace(fit=None),  # the next frame is that of another tool
     )
 
 

@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive, shown
+from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError, InputError
+from ..exceptions import ContactError, DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
@@ -32,7 +32,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
-from .constraint_forces import ConstraintForces
+from .constraint_forces import ConstraintForces, Missed
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
@@ -98,20 +98,15 @@ class Controller:
         self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
-        if bandwidth is not None and kinematics.constraints is not None:
-            raise InputError(
-                "learns from the prediction error of the torque, in which the forces of the "
-                "constraints are missing.",
-                where="adaptation",
-                hint='Take "natural" or "gradient".',
-            )
         if bandwidth is not None:
             motors = None
             if self.limits.actuators.late:
                 joints = self.limits.actuators.of(kinematics.robot)
                 motors = LateTorque(joints)
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
-            self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
+            self._torque_filter = FilteredRegressor(
+                dynamics, bandwidth, motors, kinematics.constraints
+            )
         self._forces = None
         squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
         if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
@@ -382,8 +377,10 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        model = self.kinematics.robot.model
+        model, constraints = self.kinematics.robot.model, self.kinematics.constraints
         M = pin.crba(model, model.createData(), q)
+        if constraints is not None:
+            M = constraints.free(q, np.zeros(len(M)))[0] @ M
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
         counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
@@ -405,6 +402,7 @@ class Controller:
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
+            ContactError: a contact that stands lifted or slipped, unless there are no guards.
             InputError: another thread is using this controller.
         """
         self._reserve()
@@ -412,6 +410,7 @@ class Controller:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             if not elapsed:  # the time of the sample before
                 s.adapting = False
+            footing = self._footing(state.footing, s.stands, elapsed)
             model = self._model(state, s, elapsed)
             torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
@@ -427,6 +426,8 @@ class Controller:
                 held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
+        except ContactError:
+            raise
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
@@ -435,7 +436,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path,
+            torque_filter, path, stands=s.stands, missed=s.missed, footing=footing,
         )  # fmt: skip
 
     def safe(
@@ -445,6 +446,7 @@ class Controller:
         *,
         damping: float = 30.0,
         hold: bool = True,
+        beside: ArrayLike = 0.0,
     ) -> tuple[np.ndarray, ControllerState]:
         """Return the torque (n) that brings the arm to rest [N m or N], and the next state.
 
@@ -454,7 +456,7 @@ class Controller:
             tau = g(q; a_d) - diag(M(q)) (damping v + (damping / 2)^2 (q - q_0)),
 
         with M of the description, q_0 where it was called with ``hold`` first, and springs of at
-        most half of the torque limits.
+        most half of the torque limits. The contacts that stood at the last step bear it.
 
         For an arm whose ``step`` was refused: it needs no x, and of q and v only what can be
         believed, joint by joint: while both follow from the sample before, both; differences of q
@@ -473,6 +475,7 @@ class Controller:
             damping: rate at which a joint alone loses its speed [1/s]; less where the period of the
                 controller is long.
             hold: whether there are springs; not for an arm that is moved by hand.
+            beside: torque (n) that is added to gravity [N m or N], of a load that is not learned.
 
         Raises:
             InputError: the state is that of another controller, another thread is using this one,
@@ -490,7 +493,7 @@ class Controller:
             sensed = self.senses.believed(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
-            torque = np.array(dynamics.torque(sensed.q, zero, zero))
+            torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
             displaced = row(sensed.trail, kernels.DISPLACED)
@@ -499,7 +502,7 @@ class Controller:
             most = math.inf if limits is None else _SPRING * limits
             torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
             if self._forces is not None:
-                torque = self._forces.torque(sensed.q, torque)
+                torque = self._forces.solve(sensed.q, torque, state.stands).torque
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -555,6 +558,22 @@ class Controller:
             s = self._seen(state, measurement, desired)
             return s, self.law.command(s, self._model(state, s, None))
 
+    def contact_forces(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> np.ndarray:
+        """Return forces [N] and torques [N m] (c, 6) that ``step`` chooses for c contacts.
+
+        They act on the contacts' frames, in world axes; zero in the air.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        s, command = self.command(state, measurement, desired)
+        if self._forces is None:
+            return np.zeros((0, 6))
+        found = self._forces.solve(s.q, command.torque, s.stands)
+        return self._forces.of_contacts(found.forces)
+
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
     ) -> tuple[np.ndarray, Drives]:
@@ -578,9 +597,9 @@ class Controller:
 
         The limits of the motors hold for their torque, with the compensation that the arm adds.
 
-        While a motor saturates, the tracking error shows the missing torque as well as the errors
-        of the parameters, and would wind the estimates up. They then learn only from what holds
-        for any torque, the prediction errors.
+        While a motor or a contact is at its limit, the tracking error shows the missing torque as
+        well as the errors of the parameters, and would wind the estimates up. They then learn only
+        from what holds for any torque, the prediction errors.
 
         Where motors are declared late, and the adaptation predicts the torque, the feedforward
         that a law returns leads by that time. dV/dt is then no equality; nor is it with late
@@ -596,10 +615,34 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque, s.stands)
+            disturbance = getattr(s.filtered, "disturbance", None)
+            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands, disturbance)
+            if s.missed.size:
+                drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
+
+    def _footing(self, before: np.ndarray, stands: np.ndarray | None, elapsed: float) -> np.ndarray:
+        """Return where contacts stand (c, 3); the constraints are those of this sample.
+
+        Raises:
+            ContactError: one has moved.
+        """
+        constraints = self.kinematics.constraints
+        if constraints is None:
+            return before
+        footing, moved = constraints.footing(before, stands, elapsed)
+        if moved.max(initial=0.0) > self.limits.slip:
+            foot = int(moved.argmax())
+            frame = self.kinematics.robot.contacts[foot].frame
+            raise ContactError(
+                f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved[foot]:.3g} mm. "
+                "Look for less friction than was declared, an obstacle, or a desired motion that "
+                "is too fast.",
+                frame=frame,
+            )
+        return footing
 
     def _led(
         self, feedforward: np.ndarray, filtered: FilteredTorque, residual: np.ndarray
@@ -613,7 +656,7 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(self._lead * (feedforward - predicted / risen))
+        return np.asarray(self._lead * (filtered.state.projected(feedforward) - predicted / risen))
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""
@@ -652,7 +695,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands = None if feet is None else feet.stands
+        s.stands, s.missed = None if feet is None else feet.stands, Missed()
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
@@ -669,8 +712,13 @@ class Controller:
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(sample.tau)
-            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
+            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau, s.stands)
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
+            if self.limits.torque is not None:
+                of_model = filtered.error(s.a_0)  # which no estimate explains away
+                self.senses.check_momentum(
+                    sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
+                )
         still = resting and not (xd_d.any() or xdd_d.any())
         near = self.senses.guards.near
         s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
@@ -695,7 +743,7 @@ class Controller:
             since = measurement.t - state.t if guards.clock else elapsed
         sensed, resting, measurement = self.senses.read(
             before, state.t, measurement, self.kinematics, state.kinematic.value, since,
-            self._position_error,
+            self._position_error, getattr(state.torque_filter, "tau", None),
         )  # fmt: skip
         return sensed, resting, measurement, desired, elapsed
 

@@ -49,16 +49,14 @@ class InputCheck:
             a_d, a_k = state.dynamic.value, state.kinematic.value
             fits = (
                 state.__class__ is ControllerState
-                and q.__class__ is v.__class__ is x_d.__class__ is _ARRAY
-                and xd_d.__class__ is xdd_d.__class__ is _ARRAY
-                and q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
-                and a_d.dtype is a_0.dtype is a_k.dtype is _FLOAT
-                and q.shape == self._q
-                and v.shape == self._v
-                and x_d.shape == self._x
-                and xd_d.shape == xdd_d.shape == self._m
-                and a_d.shape == a_0.shape == self._a_d
-                and a_k.shape == self._a_k
+                and _is(q, self._q)
+                and _is(v, self._v)
+                and _is(x_d, self._x)
+                and _is(xd_d, self._m)
+                and _is(xdd_d, self._m)
+                and _is(a_d, self._a_d)
+                and _is(a_0, self._a_d)
+                and _is(a_k, self._a_k)
                 and (x is None or _is(x, self._x))
                 and (xd is None or _is(xd, self._m))
                 and (w is None or _is(w, self._v))
@@ -103,12 +101,12 @@ class InputCheck:
         if not self._measures_x:  # a joint task
             given = given._replace(x=None, x_time=None, xd=None)
         parts: dict[str, Any] = {"t": _number(given.t, "t"), "tau": given.tau}
-        parts |= {"q": _array(given.q, self._q, "q"), "v": _array(given.v, self._v, "v")}
         if given.x_time is not None:
             parts["x_time"] = _number(given.x_time, "x_time")
-        for name, shape in (("x", self._x), ("xd", self._m), ("a", self._v), ("w", self._v)):
+        shapes = self._q, self._v, self._x, self._m, self._v, self._v
+        for name, shape in zip(("q", "v", "x", "xd", "a", "w"), shapes, strict=True):
             value = getattr(given, name)
-            if value is not None:
+            if value is not None or name in "qv":
                 parts[name] = _array(value, shape, name)
         return Measurement(**parts)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers
+from .._checks import ROUNDING, instance, numbers
 from .._output import percent, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
@@ -101,7 +101,6 @@ def learned_robot(
 
 
 _SHAPES = ("threshold", "breakaway", "fading")
-_NEGLIGIBLE = 1e-9  # share of the largest singular value
 
 
 @dataclass(frozen=True)
@@ -258,7 +257,7 @@ def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> n
         return rows
     sizes = np.linalg.norm(rows[:, own], axis=0)
     columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
-    left = rows - columns @ (np.linalg.pinv(columns, _NEGLIGIBLE) @ rows)
+    left = rows - columns @ (np.linalg.pinv(columns, ROUNDING) @ rows)
     left[:, own] = 0.0
     return np.asarray(left)
 

@@ -19,7 +19,13 @@ from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
 from .sensing import GUARDS
 
-_ABSURD = 1e4
+# of the sizes of estimates, or a norm of joint velocities [rad/s or m/s]: a loop that has diverged;
+# half or twice: it ends a sample or two earlier or later
+ABSURD = 1e4
+# [m] by which a contact may move. Half or twice: an A1 with a tenth of the declared friction is
+# stopped after 18 or 36 ms in place of 25, with half of it after 77 or 114 in place of 92; those
+# that stand move by 2.4 mm at most
+_SLIP = 0.01
 _IDEAL = Actuators()
 
 
@@ -32,7 +38,7 @@ class Limits:
             tracking error rests; True for the efforts of the description, False for none.
         box: where the kinematic estimates stay: a margin [m] around the nominal values, or p of
             them; lower and upper bounds (2, p) [m]; False for no box. By default a length stays
-            within a fifth and five times its nominal value, other coordinates within half the
+            within a tenth and ten times its nominal value, other coordinates within half the
             robot's reach, those of the base within ten times.
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of its value at home; zero never damps.
@@ -104,6 +110,7 @@ class ControllerLimits:
         estimate: bound on the norm of all estimates together, infinite for none.
         stop_on_divergence: whether estimates that went wrong end the run.
         governor: of the time of the path, or None.
+        slip: by which a contact may move while it stands [m].
         actuators: for which gains and rates were made.
     """
 
@@ -112,6 +119,7 @@ class ControllerLimits:
     estimate: float = np.inf
     stop_on_divergence: bool = True
     governor: PathGovernor | None = None
+    slip: float = np.inf
     actuators: Actuators = _IDEAL
 
 
@@ -157,9 +165,10 @@ def limits_for(
     return ControllerLimits(
         torque,
         limits.damping * s_home,
-        _ABSURD * size if limits.stop_on_divergence else np.inf,
+        ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         path,
+        np.inf if limits.guards is False else _SLIP,
         _IDEAL if limits.actuators is None else limits.actuators,
     )
 
@@ -173,7 +182,7 @@ def make_box(
         robot: the model.
         kinematics: its unknown translations.
         given: a margin [m] around the nominal values, or p of them; both bounds (2, p) [m]; False
-            for none. By default a length lies between a fifth and five times the nominal one,
+            for none. By default a length lies between a tenth and ten times the nominal one,
             other coordinates within half the robot's reach, those of the base within ten times.
 
     Raises:

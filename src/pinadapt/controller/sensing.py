@@ -1,9 +1,9 @@
 """From a sample to what the law uses: plausibility, filtered velocity, present position.
 
-Each channel has a residual (q against the integral of v, x against the motion of the model, a joint
-that stands against the momentum, a measured torque against the motors) and a bound from the noise
-of the declared sensors and from what is unknown. A sample beyond it is bridged by what was
-predicted, and counted; one that lasts is refused, and so is a sum of residuals beyond its bound.
+Each channel has a residual (q against the integral of v, x against what explains all frames, the
+motion against the momentum, a measured torque against the one sent) and a bound from the noise of
+the declared sensors and from what is unknown. A sample beyond it is bridged by what was predicted,
+and counted; one that lasts is refused, and so is a sum of residuals beyond its bound.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from .._kernels import samples as kernels
 from ..description.chain import effort_limits, is_slide, position_limits, velocity_limits
 from ..exceptions import ImplausibleError, InputError, MeasurementError
 from ..filters import LowPass
-from ..models.delay_compensation import DelayCompensator, SensedState
+from ..models.delay_compensation import DelayCompensator, Explained, SensedState
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST
 from ..records import Measurement, SensorQuality, Sensors
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
@@ -40,9 +39,8 @@ _BRAKED = 20.0  # [rad/s^2, or of the reach for slides] by which friction stops 
 # a stop is refused, double: an encoder that freezes at slow speed is not found
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests; half:
 # friction keeps estimates moving, double: slow paths stop them
-_FRAME, _UNEXPLAINED = 0.02, 0.25  # of the reach, by which a frame may be off, and by a radian;
-# half: learning trips it, double: a marker that jumps by less passes
-_RECENT = 0.02  # [s] in which turns are remembered; half: late frames trip it, double: jumps pass
+_FRAME, _OFFSET = 0.02, 0.1  # of the reach, by which a frame, and all of them, may be off
+_MOVING = 0.25  # of the residual that M dv/dt has: 0.5 of a wrong sign, 0 of a held joint
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
@@ -53,17 +51,78 @@ _FLAWS = {
     kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
     kernels.STOPPED: ("q", "is stuck", "has the encoder stopped?", "differences"),
     kernels.OUT: ("q", "is out of range", "in degrees, millimetres or another order?", "limits"),
-    kernels.MOVED: ("x", "has jumped", "in millimetres? another frame, marker, tool?", "position"),
     kernels.TURNED: ("x", "is turned", "in the order wxyz? other axes?", "position"),
-    kernels.FROZEN: ("x", "has not changed", "does the camera repeat its last frame?", "position"),
+    kernels.MOVED: (
+        "x",
+        "does not move with the joints",
+        "in millimetres, repeated, in other axes? another frame, marker, tool? an encoder off?",
+        "position",
+    ),
     kernels.STRONG: ("tau", "is more than the motors give", "in another unit?", "gravity"),
+    kernels.OTHER: ("tau", "is not what was sent", "the wrong sign, unit or joint?", "gravity"),
+    kernels.AGAINST: (
+        "v",
+        "shows more torque beside the motors than they have",
+        "a motor or encoder of the wrong sign, two joints swapped, a collision?",
+        "gravity",
+    ),
 }  # signal, flaw, guess and guard
 _CHANNELS = {"q": kernels.JOINTS, "v": kernels.JOINTS, "x": kernels.FRAME, "tau": kernels.TORQUE}
 
 
 @dataclass(frozen=True, eq=False)
+class FrameFit:
+    """Whether x moves with the joints: what explains all frames so far explains the next one.
+
+    The prediction error e of the estimate at the start is X da + o, with the error da of the
+    unknown translations and an offset o of x, both of known covariance, and what else may be off.
+    Least squares over the frames, which forget over a radian of the joints, leaves the residual
+    r = e - X da - o of covariance S. It is too large where r^T S^-1 r > 25. Mirrored, turned or
+    repeated frames, encoders that are off, and jumps are explained by no translation.
+
+    Attributes:
+        start: (p) the estimate at the start [m].
+        prior: (p + m_p, p + m_p) inverse covariance of da and o [1/m^2].
+        deviation: of a frame [m].
+    """
+
+    start: np.ndarray
+    prior: np.ndarray
+    deviation: float
+
+    def after(
+        self, fit: Explained | None, X: np.ndarray, e: np.ndarray, trail: np.ndarray
+    ) -> tuple[float, float, Explained | None]:
+        """Return the size of r, its bound [m], and the fit with a frame that is within it.
+
+        Args:
+            fit: to the frames before; None: there was none.
+            X: (m_p, p) regressor of the frame.
+            e: (m_p) [m].
+            trail: of the samples, in which the way of the joints begins anew with each new fit.
+        """
+        n, moved = len(self.prior), trail[kernels.SINCE]
+        value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
+        p = len(self.start)
+        r = e - X.dot(value[:p]) - value[p:]
+        size, bound = math.sqrt(r.dot(r)), CERTAIN * self.deviation
+        if size > bound or moved > _FRAME:
+            X = np.hstack([X, np.eye(len(e))])
+        if size > bound:
+            S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
+            S += self.deviation**2 * np.eye(len(e))
+            bound = CERTAIN * size / math.sqrt(r @ np.linalg.solve(S, r))
+        if size <= bound and moved > _FRAME:
+            rows = np.column_stack([X, e]) / self.deviation
+            sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
+            fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
+            trail[kernels.SINCE] = 0.0
+        return size, bound, fit
+
+
+@dataclass(frozen=True, eq=False)
 class Guards:
-    """Bounds of plausible measurements, see the kernels ``check_joints`` and ``check_frame``.
+    """Bounds of plausible measurements, see the kernel ``check_joints``.
 
     Attributes:
         model: of the robot.
@@ -71,10 +130,10 @@ class Guards:
             sample; v at which a joint moves; |v| below which an arm may be resting; lowest and
             highest q of the first sample.
         places: (n + 1) where each joint begins in q, and the end.
-        frame: largest distance of x from x_hat [m]; change of the error of a frame [m], and for
-            each radian that the joints turn [m].
         torque: (n) that no motor gives [N m or N].
-        late: time in which turns are remembered for frames [s].
+        farthest: largest distance of x in unknown axes from x_hat [m].
+        frames: what may explain x in known axes; None: it is not compared.
+        momentum: whether the residual of the torque is compared with the torque limits.
         clock: whether times must go forward, and the period is the time since the last sample
             where one was dropped.
         near: errors below which an arm may be resting [m or rad].
@@ -84,9 +143,10 @@ class Guards:
     model: pin.Model
     bounds: np.ndarray
     places: np.ndarray
-    frame: np.ndarray
     torque: np.ndarray
-    late: float = 1.0
+    farthest: float = math.inf
+    frames: FrameFit | None = None
+    momentum: bool = False
     clock: bool = False
     near: float = 0.0
     first: FirstSamples | None = None
@@ -97,7 +157,7 @@ class Guards:
         bounds = np.full((kernels.HIGHEST + 1, model.nv), np.inf)
         bounds[kernels.SLOW], bounds[kernels.LOWEST] = 0.0, -np.inf
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        return cls(model, bounds, places, np.full(3, np.inf), np.full(model.nv, np.inf))
+        return cls(model, bounds, places, np.full(model.nv, np.inf))
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
@@ -160,7 +220,7 @@ class Senses:
             ImplausibleError: this robot cannot be there.
         """
         _, q, v, x, *_ = measurement
-        guards, m = self.guards, kinematics.positions
+        guards, m, fit = self.guards, kinematics.positions, None
         before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
         answer, _, _, trail = self._judged(before, q, v, math.inf)
         if answer == 2:
@@ -169,13 +229,14 @@ class Senses:
         if not m:
             x = kinematics.x_hat
         elif x is not None:
-            self._checked_frame(measurement, kinematics.p_hat, trail, math.inf)
-            turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
-            known = kinematics.calibrated and guards.frame[kernels.FLOOR] < math.inf
-            if known and turn > _AWRY:
-                _bridge(kernels.TURNED, measurement, "[rad] against the model,", turn, _AWRY, trail)
+            error = kinematics.p_hat - x[:m]
+            own = before.trail
+            _, fit = self._checked_frame(measurement, error, kinematics, None, own, math.inf)
+            turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
+            if guards.frames is not None and turn > _AWRY:
+                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
         first = None if guards.first is None else guards.first.init()
-        return before._replace(x=None if x is None else x.copy(), first=first)
+        return before._replace(x=None if x is None else x.copy(), first=first, fit=fit)
 
     def read(
         self,
@@ -186,6 +247,7 @@ class Senses:
         a_k: np.ndarray,
         dt: float,
         position_error: bool = True,
+        sent: np.ndarray | None = None,
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
 
@@ -200,12 +262,12 @@ class Senses:
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        first, m = before.first, kinematics.positions
+        first, m, fit = before.first, kinematics.positions, before.fit
         answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
         if answer == 2:
             self._bridged(measurement, trail, dt)
         if measurement.tau is not None and dt < math.inf:
-            measurement = self._checked_torque(measurement, trail, dt)
+            measurement = self._checked_torque(measurement, trail, dt, sent)
         if first is not None and self.guards.first is not None and dt < math.inf:
             mean = 0.5 * (v + row(before.trail, kernels.RATE))
             first = self.guards.first.after(first, q, mean, dt)
@@ -217,7 +279,8 @@ class Senses:
         if not m:  # a joint task
             x, late = kinematics.x_hat, False
         elif x is not None and not late:
-            measurement = self._checked_frame(measurement, kinematics.p_hat, trail, dt)
+            error = kinematics.p_hat - x[:m]
+            measurement, fit = self._checked_frame(measurement, error, kinematics, fit, trail, dt)
             x = measurement.x
         if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
             error, X_k = _NOT_SEEN["epsilon"], _NOT_SEEN["X_k"]
@@ -225,14 +288,17 @@ class Senses:
                 error = kinematics.p_hat - x[:m]
                 X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
             x = x.copy()
-            return SensedState(q, v, x, error, X_k, None, (), first, trail), resting, measurement
+            seen = SensedState(q, v, x, error, X_k, None, (), first, trail, fit)
+            return seen, resting, measurement
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         if late and x is not None and sensed.frame is not before.frame:
-            measurement = self._checked_frame(measurement, sensed.epsilon + x[:m], trail, dt)
+            measurement, fit = self._checked_frame(
+                measurement, sensed.epsilon, kinematics, fit, trail, dt, sensed.X_k
+            )
             if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
-        return sensed._replace(first=first, trail=trail), resting, measurement
+        return sensed._replace(first=first, trail=trail, fit=fit), resting, measurement
 
     def _judged(
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
@@ -241,8 +307,8 @@ class Senses:
         guards, trail = self.guards, empty(before.trail.size)
         q_used, v_used = empty(q.size), empty(v.size)
         answer = kernels.check_joints(
-            q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
-            trail, q_used, v_used,
+            q, before.q, v, dt, decay, guards.bounds, guards.places, before.trail, trail, q_used,
+            v_used,
         )  # fmt: skip
         if answer != 2 or not (doubted := self._doubted(before, v, trail)).any():
             return answer, q_used, v_used, trail
@@ -287,45 +353,127 @@ class Senses:
             return
         i = int(np.argmax(wrong))
         size, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
-        where, dt = f"joint '{self.guards.model.names[i + 1]}',", math.inf if apart else dt
-        _bridge(int(kinds[i]), sample, where, size, bound, trail, dt)
+        self._bridge(int(kinds[i]), sample, size, bound, trail, math.inf if apart else dt, i)
 
-    def _checked_torque(self, sample: Measurement, trail: np.ndarray, dt: float) -> Measurement:
+    def _checked_torque(
+        self, sample: Measurement, trail: np.ndarray, dt: float, sent: np.ndarray | None
+    ) -> Measurement:
         """Return a sample without its torque where no motor gives it, and count that in the trail.
+
+        Where the offset of the torque sensor is declared, the torque may also be off by offset,
+        noise and the whole of what was sent, as of a motor that gives none, but not by more.
 
         Raises:
             ImplausibleError: it has lasted.
         """
-        most, tau = self.guards.torque, np.asarray(sample.tau)
-        if tau.shape == most.shape and tau.dtype.kind in "fiu":
-            i = int(np.argmax(np.abs(tau) / most))
-            if not abs(tau[i]) > most[i]:
-                trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
-                return sample
-            where = f"joint '{self.guards.model.names[i + 1]}',"
-            _bridge(kernels.STRONG, sample, where, tau[i], most[i], trail, dt)
+        most, tau, flaw = self.guards.torque, np.asarray(sample.tau), kernels.STRONG
+        if tau.shape != most.shape or tau.dtype.kind not in "fiu":
+            return sample._replace(tau=None)
+        if sent is not None and self.quality.tau and sent.any():
+            tau, flaw = tau - sent, kernels.OTHER
+            most = np.minimum(most, np.abs(sent) + CERTAIN * self.quality.tau)
+        i = int(np.argmax(np.abs(tau) / most))
+        if not abs(tau[i]) > most[i]:
+            trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
+            return sample
+        self._bridge(flaw, sample, tau[i], most[i], trail, dt, i)
         return sample._replace(tau=None)
 
-    def _checked_frame(
-        self, sample: Measurement, p_hat: np.ndarray, trail: np.ndarray, dt: float
-    ) -> Measurement:
-        """Return a sample without a frame that does not follow, and count that in the trail.
+    def check_momentum(
+        self,
+        sample: Measurement,
+        residual: np.ndarray,
+        torque: np.ndarray,
+        limits: np.ndarray,
+        trail: np.ndarray,
+    ) -> None:
+        """Refuse a motion that shows more torque beside the motors than they have.
 
-        p_hat (m_p) is the estimated position when it was taken [m].
+        A joint whose sign is wrong accelerates against its torque, which rises to its limit: half
+        of the residual is then M dv/dt. Of a joint that is held none is, whatever its motor does.
+
+        Args:
+            sample: what was measured.
+            residual: (n) low-passed torque that the motion of the model needs, less the one that
+                was sent [N m or N].
+            torque: (n) that was sent, low-passed [N m or N].
+            limits: (n) of the torque [N m or N].
+            trail: of the sample.
+
+        Raises:
+            ImplausibleError: it does.
+        """
+        if not (self.guards.momentum and kernels.exceeds(residual, limits)):
+            return
+        model = self.guards.model
+        gravity = pin.computeGeneralizedGravity(model, model.createData(), sample.q)
+        moving = np.abs(residual) > limits
+        moving &= (residual + torque - gravity) * residual > _MOVING * residual**2
+        if moving.any():
+            i = int(np.argmax(moving))
+            self._bridge(kernels.AGAINST, sample, residual[i], limits[i], trail, joint=i)
+
+    def _bridge(
+        self,
+        flaw: int,
+        sample: Measurement,
+        residual: float,
+        bound: float,
+        trail: np.ndarray,
+        dt: float = math.inf,
+        joint: int | None = None,
+    ) -> None:
+        """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
+
+        Raises:
+            ImplausibleError: with the residual and its bound.
+        """
+        name, words, guess, guard = _FLAWS[flaw]
+        channel = kernels.BRIDGED + _CHANNELS[name]
+        trail[_CHANNELS[name]] += 1.0
+        trail[channel] = trail[channel] + dt if trail[channel] or dt == math.inf else 1e-12
+        if trail[channel] > LASTS:
+            where = f"against the model, [{'rad' if flaw == kernels.TURNED else 'm'}]"
+            if joint is not None:
+                where = f"joint '{self.guards.model.names[joint + 1]}',"
+            words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
+            hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
+            if name == "x":
+                unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
+                hint = f"{unknown} {hint}"
+            raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
+
+    def _checked_frame(
+        self,
+        sample: Measurement,
+        error: np.ndarray,
+        kinematics: TaskKinematics,
+        fit: Explained | None,
+        trail: np.ndarray,
+        dt: float,
+        X_k: np.ndarray | None = None,
+    ) -> tuple[Measurement, Explained | None]:
+        """Return a sample without a frame that does not follow, counted in the trail, and the fit.
+
+        The prediction error (m_p) [m] is that of the present estimate when the frame was taken, and
+        X_k (m_p, p) its regressor; None: that of now.
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
-        x: Any = sample.x
-        bound = kernels.check_frame(x, p_hat, self.guards.frame, trail)
-        if not bound:
-            return sample
-        m = p_hat.size
-        same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
-        change = np.linalg.norm(p_hat - x[:m] - trail[kernels.ERROR : kernels.ERROR + m])
-        flaw, since = kernels.FROZEN if same else kernels.MOVED, 0.0 if dt < math.inf else dt
-        _bridge(flaw, sample, "[m] against the model,", change, bound, trail, since)
-        return sample._replace(x=None, x_time=None, xd=None)
+        frames = self.guards.frames
+        if frames is None:
+            size, bound = float(np.linalg.norm(error)), self.guards.farthest
+        else:
+            X_k = kinematics.X_k if X_k is None else X_k
+            error = error + X_k.dot(frames.start - kinematics.a_k)
+            size, bound, fit = frames.after(fit, X_k, error, trail)
+        if size > bound:
+            since = 0.0 if dt < math.inf else dt
+            self._bridge(kernels.MOVED, sample, size, bound, trail, since)
+            return sample._replace(x=None, x_time=None, xd=None), fit
+        trail[kernels.BRIDGED + kernels.FRAME] = 0.0
+        return sample, fit
 
     def believed(
         self, before: SensedState, sample: Measurement | None, dt: float, decay: float
@@ -346,40 +494,13 @@ def new_trail(v: np.ndarray) -> np.ndarray:
     trail = np.zeros(kernels.TRAIL + kernels.ROWS * v.size)
     row(trail, kernels.RATE)[:] = row(trail, kernels.RAW_V)[:] = v
     row(trail, kernels.RAW_Q)[:] = np.nan
+    trail[kernels.SINCE] = np.inf
     return trail
 
 
 def row(trail: np.ndarray, which: int) -> np.ndarray:
     """Return one number a joint (n) of a trail, as a view."""
     return trail[kernels.TRAIL + which :: kernels.ROWS]
-
-
-def _bridge(
-    flaw: int,
-    sample: Measurement,
-    where: str,
-    residual: Any,
-    bound: Any,
-    trail: np.ndarray,
-    dt: float = math.inf,
-) -> None:
-    """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
-
-    Raises:
-        ImplausibleError: with the residual and its bound.
-    """
-    name, words, guess, guard = _FLAWS[flaw]
-    channel = _CHANNELS[name]
-    since = trail[kernels.BRIDGED + channel]
-    trail[channel] += 1.0
-    trail[kernels.BRIDGED + channel] = since + dt if since or dt == math.inf else 1e-12
-    if trail[kernels.BRIDGED + channel] > LASTS:
-        words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
-        hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
-        if name == "x":
-            unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
-            hint = f"{unknown} {hint}"
-        raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
@@ -411,7 +532,8 @@ def make_guards(
     on = dict.fromkeys(GUARDS, guards is not False)
     on |= guards if isinstance(guards, Mapping) else {}
     model, size, guard = robot.model, robot.reach, Guards.none(robot.model)
-    bounds, frame, torque, first = guard.bounds, guard.frame, guard.torque, None
+    bounds, torque, m = guard.bounds, guard.torque, kinematics.positions
+    farthest, frames, first = math.inf, None, None
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
     if on["velocity"]:
@@ -429,18 +551,14 @@ def make_guards(
         bounds[kernels.LOWEST :] = low - _BEYOND, high + _BEYOND
     if on["rest"]:
         bounds[kernels.SLOW] = _SLOW * lengths + CERTAIN * quality.v
-    if on["position"] and kinematics.positions:
-        frame[kernels.FARTHEST] = 20.0 * size  # in unknown axes; millimetres are farther
+    if on["position"] and m:
+        farthest = 20.0 * size  # in unknown axes; millimetres are farther
         if kinematics.calibrated:
-            span, start = np.zeros(kinematics.size) if box is None else box[1] - box[0], 0
-            off, turned = 0.0, 0.0  # by what is unknown, and by what the joints turn of it
-            for part in kinematics.translations:
-                inside = float(np.linalg.norm(span[start : start + part.size]))
-                off, start = off + inside, start + part.size
-                turned += inside * (part.joint != FIRST)
-            frame[kernels.FARTHEST] = _UNEXPLAINED * size + off + CERTAIN * quality.x
-            frame[kernels.FLOOR] = _FRAME * size + 2.0 * CERTAIN * quality.x
-            frame[kernels.UNKNOWN] = _UNEXPLAINED * size + 0.5 * turned
+            span = np.zeros((2, kinematics.size)) if box is None else box
+            off = np.append(0.5 * (span[1] - span[0]), np.full(m, _OFFSET * size))
+            scatter = _FRAME * size / CERTAIN + 2.0 * quality.x
+            prior = np.diag((CERTAIN / np.maximum(off, scatter)) ** 2)
+            frames = FrameFit(kinematics.initial, prior, scatter)
     if on["gravity"]:
         deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
         torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
@@ -448,8 +566,10 @@ def make_guards(
             first = make_first_samples(robot, unloaded, sensors, compensation, dt)
     return replace(
         guard,
-        late=_RECENT + 3.0 * quality.age,
+        farthest=farthest,
+        frames=frames,
+        momentum=on["gravity"],
         clock=on["time"],
-        near=_NEAR * (size if kinematics.positions else 1.0) + CERTAIN * quality.x,
+        near=_NEAR * (size if m else 1.0) + CERTAIN * quality.x,
         first=first,
     )

@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike
 from ..adaptation.adaptation import Estimate, Frozen
 from ..adaptation.projections import BoxProjection
 from ..models.delay_compensation import SensedState
+from ..models.sums import sums_of
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
 from ..signals import Signals
-from ..trajectories.trajectory import Waypoints
+from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
 from .controller import Controller, believed
 from .first_samples import remember
 from .governor import PathTime
@@ -38,7 +39,6 @@ _BALL = 2.2e-3  # of the reach: farthest that the frame moves
 _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
 _SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
 _LEAST_NOISE = 1e-5  # of the reach
-_RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
 
 
 class Start(NamedTuple):
@@ -168,8 +168,8 @@ class SlowStart(Controller):
             if taken > start.taken and sensed.epsilon.size:
                 rests = place - cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
-                rows = np.column_stack([sensed.X_k, sensed.epsilon])
-                sums, seen = start.sums + rows.T.dot(rows), start.rows + len(rows)
+                sums = start.sums + sums_of(sensed.X_k, sensed.epsilon)
+                seen = start.rows + sensed.epsilon.size
                 start = start._replace(taken=taken, rows=seen, sums=sums)
                 if first and state.adapting:
                     begun = self._begun(state, start, measurement)
@@ -285,7 +285,7 @@ class SlowStart(Controller):
             kinematic=self.adaptation_k.init(a_k, information),
             filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
-            path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),
+            path=PathTime(state.path.lag, 0.0, _KNOWN / (LONGEST_RAMP * uncertain), AXES),
             start=None,
         )
 

@@ -14,10 +14,12 @@ from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
+from .constraint_forces import Missed
 from .governor import PathTime
 from .sensing import LASTS, row
 
-_NOTHING = SensedState(np.zeros(0), np.zeros(0))
+_NOTHING = SensedState(np.array([]), np.array([]))
+_NO_FOOTING = np.zeros((0, 3))
 
 
 class Bridged(NamedTuple):
@@ -56,6 +58,9 @@ class ControllerState(NamedTuple):
         path: time of the path, where a governor may slow it, or where it had to wait for a
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
+        stands: (c) which of a robot's point contacts stand, as last desired; None: all.
+        missed: what constraint forces could not give of the torque at the last sample.
+        footing: (c, 3) where contacts stand [m], NaN in the air; see ``Constraints.footing``.
     """
 
     t: float
@@ -69,6 +74,9 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
+    stands: np.ndarray | None = None
+    missed: Missed = Missed()
+    footing: np.ndarray = _NO_FOOTING
 
     @property
     def a_d(self) -> np.ndarray:
@@ -110,7 +118,7 @@ class ControllerState(NamedTuple):
         memory = self.torque_filter
         if torque is None or not memory or memory.underway or np.array_equal(torque, memory.tau):
             return self
-        y = memory.y + memory.shares[1] * (torque - memory.tau)
+        y = memory.y + memory.shares[1] * memory.projected(torque - memory.tau)
         return self._replace(torque_filter=memory._replace(y=y, tau=torque))
 
     def flat(self) -> np.ndarray:

@@ -264,7 +264,7 @@ def check_numbers(model: pin.Model) -> None:
         if not (np.abs(numbers) <= LARGEST).all() or body.mass < 0.0:  # the first also for NaN
             raise RobotError(
                 f"the placement of joint '{name}', its body or gravity has a number that is not "
-                f"finite or exceeds {LARGEST:g}, or a negative mass.",
+                f"finite or exceeds {LARGEST:.3g}, or a negative mass.",
                 where=model.name,
             )
 

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from .._checks import ROUNDING
 from .._version import __version__
 from .chain import (
     check_physical,
@@ -24,9 +25,6 @@ from .chain import (
 from .floating_base import BASE_JOINTS
 from .urdf import ENTRIES, Origin, Urdf, child, xml_text
 from .xacro import Packages
-
-# [m], of an entry of a rotation, or relative of inertias: a difference by rounding
-_SAME = 1e-9
 
 
 def first_comment(robot: Any, words: str) -> Any:
@@ -124,7 +122,7 @@ class _Edited:
         placement = self._placement(_end(joint, "parent")).actInv(placement)
         before, origin = _read_origin(joint).rotation, child(joint, "origin")
         origin.set("xyz", digits(placement.translation))
-        if np.abs(before - placement.rotation).max() > _SAME:
+        if np.abs(before - placement.rotation).max() > ROUNDING:
             origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
 
     def _write_inertia(self, index: int) -> None:
@@ -137,7 +135,7 @@ class _Edited:
         """
         now = np.array(self.robot.model.inertias[index].toDynamicParameters())
         before = np.array(self.described.inertias[index].toDynamicParameters())
-        if np.allclose(now, before, rtol=_SAME, atol=_SAME * np.abs(now).max()):
+        if np.allclose(now, before, rtol=ROUNDING, atol=ROUNDING * np.abs(now).max()):
             return
         names = links_of(self.described, index)
         check_physical(self.robot.model.inertias[index], names[0], "urdf")
@@ -178,7 +176,7 @@ def _read_origin(element: ElementTree.Element) -> pin.SE3:
 
 def _same(one: pin.SE3, other: pin.SE3) -> bool:
     """Return whether two placements differ by rounding only."""
-    return bool(np.abs(one.homogeneous - other.homogeneous).max() <= _SAME)
+    return bool(np.abs(one.homogeneous - other.homogeneous).max() <= ROUNDING)
 
 
 def _skeleton(robot: Any) -> Origin:

@@ -23,14 +23,12 @@ from ..description.chain import (
 from ..description.urdf import read_xml
 from ..exceptions import InputError, RobotError
 from ..robot.changes import Payload
-from ..robot.home import MountingPlane
-from ..robot.robot import Robot
+from ..robot.home import MARGIN, MountingPlane
+from ..robot.robot import LOAD, Robot
+from ..robot.workspace import SHARE
 
-_MARGIN = 0.05  # of a joint's range at both ends, and of the reach above a plane
-_SHARE = 0.8  # of the description's limits of velocity and effort
 _FASTEST_TURN, _FASTEST_SLIDE = 2.5, 1.0  # [rad/s, m/s] even if a description allows more
 _TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] default excursion from home
-_LOAD = 0.1  # default load, as a share of the robot's mass
 _APART = 0.02  # of the reach, between two bodies or above the floor
 _TOUCHING = 1e-3  # [m] up to which two bodies touch at home
 _FLOOR = "the floor"
@@ -198,9 +196,9 @@ class Allowance:
         slides = np.array([is_slide(joint) for joint in model.joints[1:]])
         low, high = _range(robot, slides, excursion)
         speed = np.minimum(
-            _SHARE * velocity_limits(model), np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
+            SHARE * velocity_limits(model), np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
         )
-        effort, rest = _SHARE * effort_limits(model), np.zeros(model.nv)
+        effort, rest = SHARE * effort_limits(model), np.zeros(model.nv)
         held, with_one = (
             pin.rnea(one, one.createData(), robot.q0, rest, rest)
             for one in (model, robot.changed(payload=Payload(1.0)).model)
@@ -209,7 +207,7 @@ class Allowance:
             room = (effort - np.abs(held)) / np.maximum(
                 np.abs(with_one - held), np.finfo(float).eps
             )  # [kg]
-            load = max(min(_LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
+            load = max(min(LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
         mass = positive(load, "load", zero=True)
         loaded = robot.changed(payload=Payload(mass)).model if mass else model
         needed = np.maximum(np.abs(held), np.abs(held + mass * (with_one - held)))
@@ -217,7 +215,7 @@ class Allowance:
             j = int(np.argmax(needed / effort))
             raise RobotError(
                 f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
-                f"{effort[j]:.3g} N m or N that a motion may use ({_SHARE:.0%} of its limit), with "
+                f"{effort[j]:.3g} N m or N that a motion may use ({SHARE:.0%} of its limit), with "
                 f"a load of {mass:.3g} kg.",
                 where=robot.name,
                 hint="State a lighter load, take another home pose, or correct the limits of the "
@@ -229,7 +227,7 @@ class Allowance:
         distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
         if distance <= 0.0 and floor is not None and shapes is None:
             raise _below(robot.frame, distance, robot)
-        margin = min(_MARGIN * robot.reach, max(0.5 * distance, 0.0))
+        margin = min(MARGIN * robot.reach, max(0.5 * distance, 0.0))
         kept = plane if distance > 0.0 else None
         return cls(robot, low, high, speed, effort, mass, loaded, kept, margin, shapes)
 
@@ -303,7 +301,7 @@ def _range(
     if excursion is not None:
         reach = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
         positive(float(reach.min()), "excursion", error=InputError)
-    margin = np.where(np.isfinite(lower), _MARGIN * (upper - lower), 0.0)
+    margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))
     return np.maximum(low, home - reach), np.minimum(high, home + reach)

@@ -37,7 +37,8 @@ _NOISE = 0.01  # of the effort limit; half or twice as much changes the stated u
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
-_STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
+# of numerical derivatives [rad or m, and per s or s^2]; distances of shapes are known to 1e-9 m
+_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 def excite(

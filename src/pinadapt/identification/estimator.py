@@ -27,42 +27,51 @@ import pinocchio as pin
 
 from .._checks import flag, instance, positive
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ImplausibleError, InputError, MeasurementError
+from ..exceptions import ImplausibleError, MeasurementError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
-from ..information.payload import USUAL as EXPECTED
 from ..information.payload import PayloadEstimate, of_load
-from ..models.bodies import chosen_bodies
+from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
 from ..records import Measurement
 from ..robot.changes import Payload
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import FREE, LIGHT, WEIGHT, lasting_noise
 
-_SMOOTH = 0.05  # [s] before and after a sample
-FADING = 0.1  # [rad/s or m/s] of friction near rest
-# Windows: of a load before it is believed, longer than a push of half a second; of a comparison.
-_LOADED, _EVERY, _RECENT = 12, 8, 150
-_LIMIT = 3.0  # deviations
-_ROUNDS = 4
+# [s] before and after a sample; half and twice: held-out errors of real logs the same to 2 %
+_SMOOTH = 0.05
+# [rad/s or m/s] of friction near rest; half and twice: that of a UR10 is 3 and 7 % larger
+FADING = 0.1
+# Windows of a load before it is believed, longer than a push of half a second; half: believed after
+# 0.5 s in place of 0.9, and such a push may be; twice: after more than a second.
+_LOADED = 12
+_EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
+_RECENT = 75  # windows whose residuals tell how long errors last; half and twice: the same
+# Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
+_LIMIT = 3.0
+_ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
+_ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
+_SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
+_KNOWN = 0.1  # of the mass of a load, and of a hundredth of the robot's: well enough for a user
 _DRY = "coulomb", "gear_friction", "asymmetry"
-_LEVELS = 0.05, 1e-4  # shares of a torque: its noise at first, and the least
+# Shares of a torque: its noise before there are residuals, with the weight of one window, and the
+# least. Half of the first: a UR10's error is 38 % larger; twice: deviations of a new load are half
+# as large again. Half and twice the second: the same.
+_LEVELS = 0.05, 1e-4
 
 
 class Window(NamedTuple):
     """An average of the equations: W a = y.
 
     Attributes:
-        t: time of its middle [s].
         W: (n, c) regressor.
         y: (n) torque without its known part [N m or N].
         tau: (n) torque [N m or N].
     """
 
-    t: float
     W: np.ndarray
     y: np.ndarray
     tau: np.ndarray
@@ -74,14 +83,14 @@ class _Rows(NamedTuple):
     Attributes:
         t: time [s].
         before: of the sample before [s].
-        N: (n, n) projections at the sample before, and at this one.
+        N: (n, n) projections at the sample before, and at this one; ones of a chain.
         M: (n, c + 3) momentum.
         F: (n, c + 3) all else.
     """
 
     t: float
     before: float
-    N: tuple[np.ndarray, np.ndarray] | None
+    N: tuple[Any, Any]
     M: np.ndarray
     F: np.ndarray
 
@@ -95,7 +104,7 @@ class _Belief(NamedTuple):
         slopes: (c, p) L of the covariance L L^T of the first c of these.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
-        count: of windows that are in it.
+        windows: that are in it.
     """
 
     a: np.ndarray
@@ -103,7 +112,7 @@ class _Belief(NamedTuple):
     slopes: np.ndarray
     noise: np.ndarray
     lasting: np.ndarray
-    count: int
+    windows: int
 
 
 class EstimatorState(NamedTuple):
@@ -118,7 +127,7 @@ class EstimatorState(NamedTuple):
         past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
         left: (n) sum of the squared residuals of windows with other loads.
-        counts: windows accepted, those of them with the present load, and refused since the last
+        accepted: windows, those of them with the present load, and refused since the last
             one was accepted.
         recent: the last accepted windows.
         aside: windows that disagree.
@@ -134,7 +143,7 @@ class EstimatorState(NamedTuple):
     past: np.ndarray
     level: np.ndarray
     left: np.ndarray
-    counts: tuple[int, int, int]
+    accepted: tuple[int, int, int]
     recent: tuple[Window, ...]
     aside: tuple[Window, ...]
     belief: _Belief | None
@@ -184,17 +193,34 @@ class Estimate:
     def write(self, model: Any) -> None:
         """Write bodies, rotors and friction into a MuJoCo model of the same joints, in place.
 
-        What is welded to a body in it loses its mass, as the body contains it.
+        What is welded to a body in it loses its mass, as the body contains it. Call
+        ``mujoco.mj_setConst`` after it.
 
         Raises:
-            InputError: the model lacks a joint.
+            KeyError: the model lacks a joint.
         """
-        import mujoco  # here, because it is an extra
-
-        own = mujoco.MjData(model)
-        own.qpos[:] = model.qpos0
-        mujoco.mj_kinematics(model, own)
-        write_bodies(self.robot, model, own)
+        chain, friction = self.robot.model, self.robot.friction
+        for i, name in enumerate(self.robot.joint_names, start=1):
+            if name in BASE_JOINTS[:-1]:
+                continue
+            joint = None if name in BASE_JOINTS else model.joint(name)
+            at = model.jnt_bodyid[0 if joint is None else joint.id]
+            label = model.body(at).name
+            body = chain.inertias[i]
+            if chain.existFrame(label):
+                body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
+            moments, axes = np.linalg.eigh(body.inertia)
+            axes[:, 0] *= np.linalg.det(axes)
+            model.body_mass[model.body_weldid == at] = 0.0
+            model.body_inertia[model.body_weldid == at] = 0.0
+            model.body_mass[at], model.body_ipos[at] = body.mass, body.lever
+            model.body_inertia[at] = moments
+            model.body_iquat[at] = np.roll(pin.Quaternion(axes).coeffs(), 1)
+            if joint is not None:
+                dof = joint.dofadr[0]
+                model.dof_armature[dof] = chain.armature[i - 1]
+                model.dof_damping[dof] = friction.viscous[i - 1]
+                model.dof_frictionloss[dof] = friction.coulomb[i - 1]
 
     def __str__(self) -> str:
         """Return the load and the advice."""
@@ -205,8 +231,7 @@ class Estimate:
                 for c, d in zip(load.com, load.com_known_to, strict=True)
             )
             words = f"load {load.mass:.3f} +- {load.mass_known_to:.2g} kg at ({centre}) mm"
-        noise = ", ".join(f"{part:.2g}" for part in self.noise)
-        return f"{words}; torques to {noise} N m{self.advice and f'; {self.advice}'}"
+        return f"{words}; {self.advice}" if self.advice else words
 
 
 class Estimator:
@@ -251,11 +276,11 @@ class Estimator:
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
-        carrier, free = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        payload_alone = free == [carrier] and given.bodies == "payload"
+        carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
+        payload_alone = given.bodies == PAYLOAD
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
-        names = [robot.joint_names[body] for body in sorted({*free, carrier})]
-        chosen = replace(given.with_joints(), bodies=names, tool=False)
+        names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
+        chosen = replace(given.with_joints(), bodies=names)
         near = list[int]()
         if given.friction is None:
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
@@ -263,27 +288,31 @@ class Estimator:
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
             near = [robot.joint_names.index(name) for name in joints]
-            friction = replace(robot.friction, breakaway=1.0, fading=FADING).of(robot.model)
+            still, ones = self.robot.friction, np.ones(robot.model.nv)
+            friction = replace(still, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
         self._near = near
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         first = PER_BODY * names.index(robot.joint_names[carrier])
         self._own = slice(first, first + PER_BODY)
-        at = dynamics.names.index
-        self._dry = np.array(
-            [[at(f"{robot.joint_names[j]}.{kind}") for kind in _DRY] for j in near], dtype=int
-        ).reshape(-1, len(_DRY))
+        dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
+        places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
+        self._dry = places.reshape(-1, len(_DRY))
         self._columns = dynamics.size + self._dry.size
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
         known = range(*self._own.indices(size)) if payload_alone else ()
         kept = [i for i in range(dynamics.size) if i not in known]
         first = size - len(known)
         self._load = slice(first, first + PER_BODY)
-        labels = [f"load.{label}" for label in LABELS]
         listed = [dynamics.names[i] for i in kept]
         breakaways = [f"{robot.joint_names[j]}.breakaway" for j in near]
-        self.names = (*listed[:first], *labels, *listed[first:], *breakaways)
+        self.names = (
+            *listed[:first],
+            *(f"load.{label}" for label in LABELS),
+            *listed[first:],
+            *breakaways,
+        )
         p = len(self.names)
         # [W y] B are the equations in the parameters, those of the load aside
         self._B = np.zeros((self._columns + 1, p + 1))
@@ -292,7 +321,7 @@ class Estimator:
         self._B[-1, -1] = 1.0
         if payload_alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
-        ball = pin.Inertia.FromSphere(EXPECTED * robot.mass, EXPECTED * robot.reach)
+        ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
         placement = robot.model.frames[robot.frame_id].placement
         self._usual = placement.act(ball).toDynamicParameters()
         center = np.insert(own.center[kept], first, self._usual)
@@ -300,21 +329,24 @@ class Estimator:
         shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]
         weights = np.where(shares, dynamics.initial[size:] / dynamics.typical[size:], LIGHT)
         weights = weights[: len(weights) - len(own.scales)]
-        bodies = first // PER_BODY
+        count = first // PER_BODY
         self._physical = PhysicalSet(
-            bodies + 1,
+            count + 1,
             np.append(center, np.zeros(len(near))),
             weights,
-            np.append(np.ones(bodies), FREE),
+            np.append(np.ones(count), FREE),
             np.append(own.scales, np.ones(len(near))),
         )
+        self._T, _ = self._physical.local(self._physical.center)
         # which columns the equation of a joint has
-        found = np.full((robot.model.nv, self._columns + 1), bool(robot.constraints))
+        q, v, _ = random_states(robot.model, 1)[0]
+        rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
+        found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
         found[:, -1] = True
-        for q, v, _ in random_states(robot.model, 3):
-            rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
-            found |= (rows.M[:, :-2] != 0.0) | (rows.F[:, :-2] != 0.0)
         self._places = [np.flatnonzero(one) for one in found]
+        # under constraints fewer equations than joints are independent
+        free = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
+        self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
@@ -346,7 +378,7 @@ class Estimator:
             "past": np.zeros((c, c)),
             "level": np.zeros(n),
             "left": np.zeros(n),
-            "counts": (0, 0, 0),
+            "accepted": (0, 0, 0),
             "recent": (),
             "aside": (),
             "belief": None,
@@ -363,12 +395,12 @@ class Estimator:
         Raises:
             RobotError: an impossible load.
         """
-        load: np.ndarray | None = self._usual
-        if payload is not None:
-            placement = self.robot.model.frames[self.robot.frame_id].placement
-            load = placement.act(payload.spatial_inertia()).toDynamicParameters()
-            load = load if payload.present else None
-        return self._changed(state, load)
+        if payload is None:
+            return self._changed(state, self._usual)
+        placement = self.robot.model.frames[self.robot.frame_id].placement
+        load = placement.act(payload.spatial_inertia()).toDynamicParameters()
+        load = nearest_physical(load, least_radius=LOAD * self.robot.reach)
+        return self._changed(state, load if payload.present else None)
 
     def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
         """Return the state after a sample.
@@ -398,23 +430,19 @@ class Estimator:
         middles = state.begin + self.length * (0.5 + np.arange(OVERLAP) / OVERLAP)
         phi, rate = bump(last.t - middles, self.length)
         share = 0.5 * (now.t - last.before)
-        M, F = last.M, share * last.F
-        if now.N is not None and last.N is not None:
-            speed = F[:, -1]
-            F = last.N[1] @ F - 0.5 * (now.N[1] - last.N[0]) @ M
-            M, F[:, -1] = last.N[1] @ M, speed
+        F = share * np.dot(last.N[1], last.F) - 0.5 * np.dot(now.N[1] - last.N[0], last.M)
+        M, F[:, -1] = np.dot(last.N[1], last.M), share * last.F[:, -1]
         if self._held:
             F[:, -2] = 0.0
         sums = state.sums + phi[:, None, None] * F - (share * rate)[:, None, None] * M
         if self._held:
             between = bump(0.5 * (last.t + now.t) - middles, self.length)[0] * elapsed
-            tau = now.F[:, -2] if now.N is None else 0.5 * (now.N[0] + now.N[1]) @ now.F[:, -2]
-            sums[:, :, -2] += between[:, None] * tau
+            sums[:, :, -2] += np.outer(between, np.dot(0.5 * (now.N[0] + now.N[1]), now.F[:, -2]))
         state = state._replace(sums=sums, last=now)
-        if last.t < state.begin + self.length:
+        if now.t < state.begin + self.length:
             return state
         W, known, tau, speed = np.split(sums[0], [self._columns, -2, -1], axis=1)
-        found = Window(float(middles[0]), W, (tau - known)[:, 0], tau[:, 0])
+        found = Window(W, (tau - known)[:, 0], tau[:, 0])
         state = state._replace(
             begin=state.begin + self.length / OVERLAP,
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
@@ -425,26 +453,20 @@ class Estimator:
     def _checked(self, measurement: Measurement) -> Measurement:
         """Return a measurement as arrays of finite floats."""
         instance(measurement, Measurement, "measurement")
-        t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
-        model = self.robot.model
-        v = np.zeros(model.nv) if v is None and self._count > 1 else v
-        found = []
-        for name, value, size in (("q", q, model.nq), ("v", v, model.nv), ("tau", tau, model.nv)):
-            if value is None or np.shape(value) != (size,) or not np.isfinite(value).all():
-                raise MeasurementError(name, value, f"must be {size} finite numbers")
-            found.append(np.array(value, dtype=float))
-        if not np.isfinite(t):
-            raise MeasurementError("t", t, "must be a finite number")
-        return Measurement(float(t), found[0], found[1], tau=found[2])
+        t, q, v, *_, tau, _ = measurement
+        nq, nv = (self.robot.model.nq,), (self.robot.model.nv,)
+        v = np.zeros(nv) if v is None and self._count > 1 else v
+        for name, value, shape in (("t", t, ()), ("q", q, nq), ("v", v, nv), ("tau", tau, nv)):
+            if value is None or np.shape(value) != shape or not np.isfinite(value).all():
+                raise MeasurementError(name, value, f"must be finite, of shape {shape}")
+        q, v, tau = (np.array(part, dtype=float) for part in (q, v, tau))
+        return Measurement(float(t), q, v, tau=tau)
 
     def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
         """Return the middle sample, on cubics through the positions around it."""
         middle, model = samples[self._count // 2], self.robot.model
         t = np.array([one.t for one in samples]) - middle.t
-        if model.nq == model.nv:
-            moved = np.array([one.q for one in samples]) - middle.q
-        else:
-            moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
+        moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
         powers = (t[:, None] / t[-1]) ** np.arange(4)
         value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
@@ -462,20 +484,18 @@ class Estimator:
         fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
         columns = np.arange(size, self._columns).reshape(self._dry.shape)
         F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
-        N = None
-        if robot.constraints:
-            free = robot.constrained.free(q, v)
-            N = (free if last is None or last.N is None else last.N[1], free)
-        return _Rows(t, t if last is None else last.t, N, M, F)
+        N = robot.constrained.free(q, v) if robot.constraints else 1.0
+        before, projection = (t, N) if last is None else (last.t, last.N[1])
+        return _Rows(t, before, (projection, N), M, F)
 
     def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
         """Return the state after a window, accepted or put aside."""
         belief = state.belief
         if belief is None or (not state.aside and self._agree([found], belief)):
             return self._accepted(state, [found])
-        total, present, refused = state.counts
+        total, present, refused = state.accepted
         aside = (*state.aside, found)
-        state = state._replace(aside=aside[-_LOADED:], counts=(total, present, refused + 1))
+        state = state._replace(aside=aside[-_LOADED:], accepted=(total, present, refused + 1))
         latest = list(aside[-OVERLAP:])
         if len(aside) > OVERLAP and self._agree(latest, belief):  # it was a push
             return self._accepted(state._replace(aside=()), latest)
@@ -485,8 +505,7 @@ class Estimator:
             if other.belief is not None and self._agree(later, other.belief):
                 return self._accepted(other, later)
         if refused >= total:  # what was learned is contradicted for longer than it was supported
-            nothing = self._nothing
-            return self._accepted(state._replace(**nothing), later)
+            return self._accepted(state._replace(**self._nothing), later)
         return state
 
     def _accepted(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
@@ -499,27 +518,26 @@ class Estimator:
                 old + np.outer(row, row) for old, row in zip(products, each, strict=True)
             )
             level = level + one.tau**2
-        total, present, _ = state.counts
+        total, present, _ = state.accepted
         state = state._replace(
             products=products,
             level=level,
-            counts=(total + len(windows), present + len(windows), 0),
+            accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
-        learned = state.counts[0] - (0 if state.belief is None else state.belief.count)
-        if learned < max(_EVERY, state.counts[0] // _EVERY):
+        learned = state.accepted[0] - (0 if state.belief is None else state.belief.windows)
+        if learned < max(_EVERY, state.accepted[0] // _EVERY):
             return state
         return state._replace(belief=self._believed(state))
 
     def _changed(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
         past, left = state.past, state.left
-        if state.counts[1]:
+        if state.accepted[1]:
             belief = state.belief or self._believed(state)
             M, at = self._products(state, belief.lasting), self._own
             if state.load is not None:
-                T, _ = self._physical.local(self._physical.center)
-                known = np.linalg.inv(T[self._load, self._load])
+                known = np.linalg.inv(self._T[self._load, self._load])
                 known = np.column_stack([known, known @ state.load])
                 inner, cross = M[at, at] + known[:, :-1].T @ known[:, :-1], M[at].copy()
                 cross[:, -1] += known[:, :-1].T @ known[:, -1]
@@ -531,7 +549,7 @@ class Estimator:
             products=self._nothing["products"],
             past=past,
             left=left,
-            counts=(state.counts[0], 0, 0),
+            accepted=(state.accepted[0], 0, 0),
             recent=(),
             aside=(),
             load=load,
@@ -547,8 +565,6 @@ class Estimator:
         B, near = self._B.copy(), len(self._near)
         if load is not None:
             B[self._own, self._load] = np.eye(PER_BODY)
-        if not near:
-            return B
         a = self._physical.center if a is None else a
         first, last = self._columns - self._dry.size, len(self.names)
         rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
@@ -576,9 +592,8 @@ class Estimator:
         self, state: EstimatorState, noise: np.ndarray, a: np.ndarray | None = None
     ) -> np.ndarray:
         """Return the products (p + 1, p + 1) of all equations, the last column being y."""
-        B, B_past = self._map(state.load, a), self._map(None, a)
-        M = B.T @ self._products(state, noise) @ B
-        return M + B_past.T @ state.past @ B_past if state.past.any() else M
+        B, past = self._map(state.load, a), self._map(None, a)
+        return B.T @ self._products(state, noise) @ B + past.T @ state.past @ past
 
     def _left(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return w (c + 1): [W y] w are the residuals of windows with the present load."""
@@ -592,7 +607,9 @@ class Estimator:
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
-        count = max(state.counts[0], 1)
+        count = state.accepted[0]
+        if not count:
+            return np.ones(len(state.level))
         first, least = np.outer(_LEVELS, np.sqrt(state.level / count) + np.finfo(float).tiny)
         squares = state.left + self._squares(state, a) + OVERLAP * first**2
         free = max(count - fitted / len(first), 0.0) + OVERLAP
@@ -601,28 +618,28 @@ class Estimator:
     def _lasting(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the factors (n) of the noise of windows that are not independent."""
         if len(state.recent) < _EVERY:
-            return np.full(len(state.level), np.sqrt(OVERLAP))
+            return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
         w = self._left(state, a)
         left = np.array([one.W @ w[:-1] + one.y for one in state.recent])
-        return lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
+        return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
 
     def _believed(self, state: EstimatorState) -> _Belief:
         """Return the estimate of least squares near the description, with its covariance."""
-        physical, before = self._prior(state), state.belief
-        center = physical.center
-        T, _ = physical.local(center)
+        center, before = self._prior(state).center, state.belief
+        T = self._T
         a, fitted = center if before is None else before.a, 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
-            inverse = _inverse(M[:-1, :-1], T)
-            a = center + inverse @ (inverse.T @ (M[:-1, -1] - M[:-1, :-1] @ center))
-            a = self._bounded(a)
-            fitted = len(a) - float(np.sum(np.linalg.solve(T, inverse) ** 2))
+            X = _inverse(M[:-1, :-1], T)
+            a = self._bounded(
+                center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center))))
+            )
+            fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
-        root = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
-        slopes = B[:-1, :-1] @ root
-        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.counts[0])
+        X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        slopes = B[:-1, :-1] @ T @ X
+        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], belief: _Belief) -> bool:
         """Return whether windows are what was believed, within what was known."""
@@ -638,34 +655,29 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
-        physical, a = self._prior(state), None if near is None else near.a
-        if a is None and state.belief is not None:
-            noise = state.belief.noise
-        else:
-            noise = self._noise(state, physical.center if a is None else a, 0.0)
-        at = physical.center if a is None else a
+        physical = self._prior(state)
+        a, start = (physical.center, None) if near is None else (near.a, near.a)
+        noise = self._noise(state, a, 0.0) if state.belief is None else state.belief.noise
         for _ in range(_ROUNDS):
-            rows = _rows(self._equations(state, noise, at))
-            a = physical_fit(*rows, physical, gamma=WEIGHT, near=a)
-            at = a = self._bounded(a)
+            rows = _rows(self._equations(state, noise, a))
+            a = start = self._bounded(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
             noise = self._noise(state, a, 0.0)
         T, _ = physical.local(a)
         M = self._equations(state, noise * self._lasting(state, a), a)
-        root = _inverse(M[:-1, :-1], T)
+        root = T @ _inverse(M[:-1, :-1], T)
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
             deviation = np.linalg.norm(gradient @ root[self._load], axis=1)
             load = PayloadEstimate.of(value, deviation)
-        deviations = np.linalg.norm(root, axis=1)
         return Estimate(
             self._robot(state, a),
             load,
             self.names,
             a,
-            deviations,
+            np.linalg.norm(root, axis=1),
             noise,
-            self._advice(state, root, noise),
+            self._advice(state, load, root, noise),
         )
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
@@ -681,14 +693,33 @@ class Estimator:
         first = len(a) - len(self._near)
         return np.append(a[:first], np.maximum(a[first:], -1.0))
 
-    def _advice(self, state: EstimatorState, root: np.ndarray, noise: np.ndarray) -> str:
-        """Return which joint to move, if that told more of the load than a window's noise hides."""
-        return ""
+    def _advice(
+        self,
+        state: EstimatorState,
+        load: PayloadEstimate | None,
+        root: np.ndarray,
+        noise: np.ndarray,
+    ) -> str:
+        """Return which joint to shake, if that told more of the load than the noise hides."""
+        robot, B = self.robot, self._map(state.load)[: self.dynamics.size, self._load]
+        if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
+            return ""
+        gains = np.zeros(robot.model.nv)
+        for j, name in enumerate(robot.joint_names):
+            if name in BASE_JOINTS:
+                continue
+            step = _SHAKE * np.eye(len(gains))[j]
+            q = pin.integrate(robot.model, robot.q0, step)
+            Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
+            gains[j] = np.linalg.norm(Y @ B @ root[self._load] / noise[:, None])
+        return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Return L (p, p) with L L^T the inverse of H + T^-T T^-1."""
-    return T @ np.linalg.inv(np.linalg.cholesky(T.T @ H @ T + WEIGHT * np.eye(len(T)))).T
+    """Return X (p, p) with T X X^T T^T the inverse of H + WEIGHT T^-T T^-1."""
+    whole = T.T @ H @ T
+    whole.flat[:: len(T) + 1] += WEIGHT + _ROUNDING * np.diagonal(whole)
+    return np.linalg.inv(np.linalg.cholesky(whole)).T
 
 
 def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,8 +12,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._checks import name_list, positive
-from ..adaptation.adaptation import Adaptation
-from ..controller.estimator import Estimator
+from ..controller.controller import Controller
+from ..controller.limits import Limits
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
@@ -26,10 +26,11 @@ from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
-from ..simulation.simulate import Progress, watched
+from ..simulation.simulate import Progress
 from ..tasks.task import JointTask
-from ..tuning.make_controller import make_estimator
+from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
+from .estimator import Estimator
 from .fits import (
     Frames,
     Windows,
@@ -41,7 +42,7 @@ from .fits import (
     torque_fit,
 )
 from .logged_motion import motion_of_log
-from .online_estimates import estimate_online, measurements
+from .online_estimates import OnlineEstimates
 from .report import Identification
 from .selection import choose_effects, with_shafts
 from .torque_check import TorqueCheck, check_torques, on_wall
@@ -58,7 +59,6 @@ def identify(
     test: Any = (),
     empty: Any = None,
     unknown: Unknown | str | Sequence[str] | None = None,
-    adaptation: str | Adaptation = "natural-memory",
     held_out: float = 0.25,
     total_mass: float | None = None,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
@@ -85,7 +85,6 @@ def identify(
             log has positions of the frame, all bodies, and effects of the joints as the log shows
             them. Those effects are not chosen but taken as given with ``armature``, and with
             ``friction`` or ``effects``.
-        adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
         total_mass: of the whole robot when it moved, base and load included [kg], where a scale
             told it: bodies that the motion does not tell apart then share it.
@@ -98,10 +97,17 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, a mass that is not positive, or nothing is unknown.
+        InputError: unknown words, a mass that is not positive, nothing is unknown, or a robot that
+            has constraints.
         ParameterError: a total mass that leaves nothing for the unknown bodies.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
+    if described.constraints:
+        raise InputError(
+            "a log does not contain the forces of its constraints.",
+            where="robot",
+            hint="A run's rollout.learned() has what its controller learned.",
+        )
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)
@@ -112,11 +118,11 @@ def identify(
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
-    first_log, found, given = logs[0], joined(logs, _PAUSE), Unknown.of(unknown)
+    found, given = joined(logs, _PAUSE), Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, given)
     unknown = replace(given, regressor="nominal").with_joints()
-    estimator = _estimator(nominal, unknown, adaptation, found.period)
-    dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
+    controller = _controller(nominal, unknown)
+    dynamics, kinematics = controller.dynamics, controller.kinematics
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
@@ -132,6 +138,7 @@ def identify(
     seen_first = seen.between(-np.inf, split)
     located = position_fit(kinematics, seen_first if tests else seen)
     placed = _placed(nominal, kinematics, located.estimate)
+    estimator = Estimator(placed, given, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
     everything = nominal_dynamics(with_shafts(placed), whole, ())
@@ -162,8 +169,8 @@ def identify(
         known = bool(given.armature)
         given = replace(given, effects=(*said, *effects.words), armature=known)
         unknown = replace(given, regressor="nominal").with_joints()
-        estimator = _estimator(nominal, unknown, adaptation, found.period)
-    dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
+        controller = _controller(nominal, unknown)
+    dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
     names, physical = dynamics.names, physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model)
     first = windows.between(-np.inf, split)
@@ -174,14 +181,12 @@ def identify(
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model)
         load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
-    recorded = measurements(motion_of_log(nominal, first_log), frames)
-    steps = watched(range(len(first_log.t)), progress, "online")
-    samples = (sample for sample, _ in zip(recorded, steps, strict=False))
+    online = OnlineEstimates.of(estimator, motion, split, progress)
     return Identification(
         log=found,
         motion=motion,
         described=described,
-        estimator=estimator,
+        controller=controller,
         windows=windows,
         rows=seen,
         split=split,
@@ -191,10 +196,12 @@ def identify(
         unknown=unknown,
         effects=effects,
         position_before_split=position_fit(kinematics, seen_first).estimate,
-        online=estimate_online(estimator, samples, len(first_log.t)),
+        estimator=estimator,
+        online=online,
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
+        stated=weighed,
         intake=intakes[0],
     )
 
@@ -214,13 +221,11 @@ def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
 
 
-def _estimator(
-    robot: Robot, unknown: Unknown, adaptation: str | Adaptation, dt: float
-) -> Estimator:
-    """Return an estimator without the warning that concerns closed loops."""
+def _controller(robot: Robot, unknown: Unknown) -> Controller:
+    """Return a controller with these parameters, without the warning that concerns closed loops."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*nominal regressor")
-        return make_estimator(robot, adaptation=adaptation, unknown=unknown, dt=dt)
+        return make_controller(robot, unknown=unknown, limits=Limits(torque=False))
 
 
 def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
@@ -245,7 +250,7 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
-        LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
+        LogError: as ``read_log``.
     """
     robot = intake.mounted(robot)
     log = read_log(source, robot, intake=intake)

@@ -17,7 +17,7 @@ import numpy as np
 from .._output import Printed, Sheet, Table, cell, html_page, whole_file, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
-from ..controller.estimator import Estimator
+from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
@@ -33,9 +33,11 @@ from ..information.payload import (
 )
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
+from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import Windows, lasting_noise
+from .estimator import Estimator
+from .fits import GAIN, Windows, lasting_noise, torque_information
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck, beyond
@@ -107,7 +109,7 @@ class Identification(Printed):
         log: the motion, its columns in the order of the joints.
         motion: in it, with the velocities that were used.
         described: the robot as described.
-        estimator: of the online estimates; its ``controller`` has models and names.
+        controller: with the models and the names of the parameters.
         windows: equations of the torque, averaged over windows.
         rows: equations of the positions.
         split: time [s] from which on the log was held out once.
@@ -115,6 +117,7 @@ class Identification(Printed):
         kinematic: the translations from the whole log, likewise.
         before_split: (p_d) the dynamic parameters from the log before ``split``.
         position_before_split: (p_k) the translations from it.
+        estimator: of the online estimates.
         online: the online estimates in time.
         unknown: what was identified. A controller with the same parameters is
             ``make_controller(found.robot, unknown=found.unknown)``.
@@ -122,13 +125,14 @@ class Identification(Printed):
         tested: names of the logs that were held out; empty where it is the last part of one log.
         load: estimated from this log and one without it; None without such a log.
         check: the comparison of the torques with the description, None where none were needed.
+        stated: equations that were stated beside the log, such as a total mass.
         intake: how the log was read.
     """
 
     log: Log
     motion: MeasuredMotion
     described: Robot
-    estimator: Estimator
+    controller: Controller
     windows: Windows
     rows: Windows
     split: float
@@ -136,20 +140,23 @@ class Identification(Printed):
     kinematic: Information
     before_split: np.ndarray
     position_before_split: np.ndarray
+    estimator: Estimator
     online: OnlineEstimates
     unknown: Unknown
     effects: ChosenEffects | None = None
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
     check: TorqueCheck | None = None
+    stated: tuple[np.ndarray, np.ndarray] | None = None
     intake: ImportOptions = field(default_factory=ImportOptions)
 
     @property
     def state(self) -> ControllerState:
         """The state of a controller with these estimates; see ``Controller.learned``."""
-        return self.online.state._replace(
-            dynamic=Estimate(self.dynamic.estimate), kinematic=Estimate(self.kinematic.estimate)
-        )
+        motion, a_k, a_d = self.motion, self.kinematic.estimate, self.dynamic.estimate
+        first = Measurement(float(motion.t[0]), motion.q[0], motion.v[0], tau=motion.tau[0])
+        state = self.controller.first_state(first, a_k=a_k, a_d=a_d)
+        return state._replace(dynamic=Estimate(a_d), kinematic=Estimate(a_k))
 
     @property
     def robot(self) -> Robot:
@@ -158,24 +165,40 @@ class Identification(Printed):
         Raises:
             ParameterError: a body is on the border of what is physical.
         """
-        learned = self.estimator.learned(self.state)
+        learned = self.controller.learned(self.state)
         return replace(learned, drawn=self.described.drawn, task=self.described.task)
 
     def parameters(self) -> LearnedParameters:
         """Return the estimates by name and their information, from which a controller can start."""
-        return LearnedParameters.of(self.estimator.controller, self.state, rows=self.dynamic.R)
+        return LearnedParameters.of(self.controller, self.state, rows=self.dynamic.R)
 
-    def payload(self) -> PayloadEstimate:
+    def payload(self, *, gain: float = GAIN) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
 
-        With a log of the arm without its load: the load that explains the difference.
+        With a log of the arm without its load: the load that explains the difference, as
+        ``identify`` found it with the default gain.
+
+        Args:
+            gain: deviation of the torques' gains from one; zero where they are exact.
 
         Raises:
             ParameterError: the last body is not among the parameters.
         """
         if self.load is not None:
             return self.load
-        controller, found = self.estimator.controller, self.dynamic
+        plain = self._load_of(self.dynamic)
+        if not gain:
+            return plain
+        windows = self.windows.between(-np.inf, self.split) if self.tested else self.windows
+        names, a = self.dynamic.names, self.dynamic.estimate
+        found = torque_information(names, a, windows, self.stated, gain=gain)
+        (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
+        known = np.hypot(known, np.hypot(other, value - own))
+        return PayloadEstimate.of(own, known, plain.explained)
+
+    def _load_of(self, found: Information) -> PayloadEstimate:
+        """Return the load that explains the change of the bodies, by their information."""
+        controller = self.controller
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
             return payload_of_uncertain_arm(controller, dynamics, found)
@@ -189,7 +212,7 @@ class Identification(Printed):
     @cached_property
     def described_parameters(self) -> np.ndarray:
         """The dynamic parameters (p_d) of the description, its friction and rotors included."""
-        controller = self.estimator.controller
+        controller = self.controller
         return described_values(controller.dynamics, controller.kinematics.robot)
 
     @cached_property
@@ -200,8 +223,14 @@ class Identification(Printed):
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        last = self.windows.between(self.split, np.inf)
-        return np.asarray(rms(last.residual(self.online.at(self.split)), 0))
+        return self._held_out(self.online.before_split.robot)
+
+    def _held_out(self, robot: Robot) -> np.ndarray:
+        """Return the errors (n) of the held-out torques with another robot [N m or N]."""
+        nothing = Unknown(bodies="none", friction=False, armature=False)
+        dynamics = nominal_dynamics(robot, nothing, ())
+        windows = Windows.of(self.motion, Averages(self.motion.t, self.log.period), dynamics)
+        return np.asarray(rms(windows.between(self.split, np.inf).y, 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
@@ -244,7 +273,7 @@ class Identification(Printed):
         """Errors of the positions (m) [m], or None where no translation was estimated."""
         if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
             return None
-        start = self.estimator.controller.kinematics.initial
+        start = self.controller.kinematics.initial
         return self._errors(self.rows, start, self.position_before_split)
 
     def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
@@ -326,7 +355,7 @@ class Identification(Printed):
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
         signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
-        start = self.estimator.controller.kinematics.initial
+        start = self.controller.kinematics.initial
         return {
             "verdict": self.verdict,
             "log": log.source,
@@ -398,11 +427,7 @@ class Identification(Printed):
                     f"its joints are {list(robot.joint_names)}, those of the log {list(joints)}.",
                     where=f"compared model {robot.name}",
                 )
-            nothing = Unknown(bodies="none", friction=False, armature=False)
-            dynamics = nominal_dynamics(robot, nothing, ())
-            averages = Averages(self.motion.t, self.log.period)
-            windows = Windows.of(self.motion, averages, dynamics)
-            others[name] = rms(windows.between(self.split, np.inf).y, 0)
+            others[name] = self._held_out(robot)
         columns = {
             "torque": errors.size,
             "described": errors.described_held_out,
@@ -437,8 +462,8 @@ class Identification(Printed):
             np.savez_compressed(
                 file,
                 t=online.t,
-                a_k=online.a_k,
-                a_d=online.a_d,
+                a=online.a,
+                names=self.estimator.names,
                 dynamic=self.dynamic.estimate,
                 dynamic_information=self.dynamic.H,
                 kinematic=self.kinematic.estimate,
@@ -498,15 +523,13 @@ class Identification(Printed):
         online = SimpleNamespace(
             title=title,
             law="identified online",
-            adaptation=self.estimator.controller.adaptation_d.name,
+            adaptation="Estimator",
             t=self.online.t,
-            a_k=self.online.a_k,
-            a_d=self.online.a_d,
-            a_k_true=self.kinematic.estimate,
-            a_d_true=self.dynamic.estimate,
+            a_d=self.online.a,
+            a_d_true=None,
             not_identified=(),
-            kinematic_names=self.kinematic.names,
-            dynamic_names=self.dynamic.names,
+            kinematic_names=(),
+            dynamic_names=self.estimator.names,
             marks=(),
             diverged=None,
             interrupted=None,
@@ -514,7 +537,7 @@ class Identification(Printed):
         slides = self.described.slides
         with matplotlib.rc_context(RC):
             torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, self.split)
-            parameters = parameter_figure(online, "dashed: whole log")
+            parameters = parameter_figure(online)
         figures = SimpleNamespace(torque=torque, parameters=parameters)
         if folder is None:
             return figures

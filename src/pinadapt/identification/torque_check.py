@@ -10,10 +10,10 @@ Friction, noise, inertias that are wrong by a third and wear leave the factor be
 logs of four real arms gave 0.87 to 1.86, correlations of at least 0.86. Currents, torques before
 the gear, a wrong sign or another mounting do not.
 
-Usual mistakes are undone one by one, each without and with a load that is not described. What is
-then left of a joint's torque, with a factor between 0.65 and 2 and friction that takes energy,
-judges them: the sum over the joints of log(residual^2). A log fits if no mistake is surely likelier
-than none.
+Usual mistakes are undone one by one. Each is judged by the likeliest errors of the described bodies
+and load behind the last joint, normal with given deviations, beside a rotor and friction: by
+the sum over the joints of log(residual^2) and the squared size of these errors. A log fits if no
+mistake is surely likelier than none.
 """
 
 from __future__ import annotations
@@ -30,29 +30,38 @@ from threadpoolctl import threadpool_limits
 
 from .._output import Printed, Sheet, Table, cell
 from ..description.chain import angles_from_configuration, configuration_from_angles
-from ..exceptions import LogError
 from ..information.information import Information, rms
 from ..information.measured_motion import Averages
 from ..logs.log import Log
-from ..models.regressor import LABELS, PER_BODY
+from ..models.bodies import ALL, BodyDynamics
+from ..models.physical_fit import physical_set
+from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
 from .logged_motion import motion_of_log
 
 # Factors between which a joint is as described. Half as wide refuses worn or wrongly described
 # arms, twice as wide accepts a robot of another size.
 _FACTORS = (0.5, 2.2)
-_USUAL = (0.65, 2.0)  # between which residuals are compared; as wide as above accepts a UR5 as UR10
 _CLEAR = 0.75  # correlation of a clear relation
 _LEAST = 0.4  # correlation, and share of a joint's torque, from where on a relation may be there
 # Of the largest described torque, from where on a joint is judged: half as much judges wrists whose
 # friction hides everything else, twice as much overlooks light joints.
 _VISIBLE = 0.05
-# In log(residual^2): by how much a mistake must be likelier than none, a load by half of that. Half
-# refuses quarters of real logs, twice as much accepts a wrong sign.
+# In log(residual^2): by how much a mistake must be likelier than none. Half refuses quarters of
+# real logs, twice as much accepts a wrong sign.
 _SURELY = 1.15
+# Deviation of a described body in the divergence of ``physical_fit``: 0.3 of its mass. Half takes a
+# UR10 for a UR5, twice refuses a quarter of the log of a Panda.
+_OFF = 0.6
+# Independent rows that the torques of a joint are worth, as errors of a model last. Half
+# changes no verdict on real logs, twice none on quarters of a TX40.
+_WORTH = 5.0
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
+# [rad or m] of a position that is off. 20 degrees of a Panda show as 0.17 to 0.5: twice misses
+# some, half changes no verdict on the logs.
+_LEAST_ANGLE = 0.1
 _EPS = np.finfo(float).eps
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 
@@ -154,9 +163,10 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     undone = (
         (cause, _fit(other, robot, **options)) for cause, other, options in _mistakes(motion, robot)
     )
-    likely = sorted((one for one in undone if one[1].fits.all()), key=lambda one: one[1].score)
+    named = (one for one in undone if one[1].fits.all() or not plain.fits.all())
+    likely = sorted(named, key=lambda one: one[1].score)
     causes: list[str] = []
-    if likely and (not plain.fits.all() or likely[0][1].score < plain.score - _SURELY):
+    if likely and likely[0][1].score < plain.score - _SURELY:
         best = likely[0][1].score
         causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _SURELY]
     elif not plain.fits.all():
@@ -172,26 +182,21 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
-    """Return a robot that hangs on a wall, with down along that axis which its torques show.
+    """Return a robot that hangs on a wall, with down along that axis which its torques show best.
 
     Args:
         log: checked, its columns in the order of the joints.
         robot: as described, the third axis of its base normal to the wall.
-
-    Raises:
-        LogError: the torques fit no direction of gravity, or one along the third axis best.
     """
-    motion = _averages(log, robot)
-    fits = [(gravity, _fit(motion, robot, gravity)) for gravity in _mountings(robot)]
-    gravity, likeliest = min(fits, key=lambda one: one[1].score)
-    if gravity[2] or not likeliest.fits.all():
-        raise LogError(
-            "the torques are not those of an arm on a wall.",
-            where="mount",
-            hint="--gravity x,y,z states the gravity in the axes of the base.",
-        )
-    model = robot.model.copy()
-    model.gravity.linear = gravity
+    motion, model = _averages(log, robot), robot.model.copy()
+
+    def likeness(gravity: np.ndarray) -> float:  # whatever units and signs of the torques are
+        model.gravity.linear = gravity
+        d = _each(motion, model, pin.rnea)
+        return float(np.sum(_compared(motion, motion.tau, d).correlation ** 2))
+
+    walls = (gravity for gravity in _mountings(robot) if not gravity[2])
+    model.gravity.linear = max(walls, key=likeness)
     return replace(robot, model=model)
 
 
@@ -210,13 +215,13 @@ class _Motion(NamedTuple):
         return _Motion(q, v, a, self.tau, self.signs * np.sign(scale))
 
     @property
-    def friction(self) -> np.ndarray:
-        """Columns (n, K, 2) of what the friction of each joint can explain."""
-        return np.stack([self.v.T, self.signs.T], axis=2)
+    def drives(self) -> np.ndarray:
+        """Columns (n, K, 3) of what friction and rotor of each joint can explain."""
+        return np.stack([self.v.T, self.signs.T, self.a.T], axis=2)
 
-    def without_friction(self, values: np.ndarray) -> np.ndarray:
-        """Return values (K, n, k) of the joints without what their friction can explain."""
-        columns, parts = self.friction, values.swapaxes(0, 1)
+    def without(self, values: np.ndarray, count: int) -> np.ndarray:
+        """Return values (K, n, k) less what the first columns of ``drives`` can explain."""
+        columns, parts = self.drives[:, :, :count], values.swapaxes(0, 1)
         return (parts - columns @ (np.linalg.pinv(columns) @ parts)).swapaxes(0, 1)
 
 
@@ -242,8 +247,9 @@ class _Fit(NamedTuple):
         factor, correlation: see the module.
         judged: whether the description predicts enough of each joint.
         fits: whether each joint is as described, as far as it is judged.
-        left: what neither the description nor friction explains, a share of the torque.
-        load: that was taken off [kg].
+        left: what neither the description nor friction and rotor explain, a share of the torque.
+        price: squared size of the errors of bodies and load, per independent row.
+        load: that explains what is left of the torques, if it is surely not zero [kg].
     """
 
     described: np.ndarray
@@ -252,13 +258,13 @@ class _Fit(NamedTuple):
     judged: np.ndarray
     fits: np.ndarray
     left: np.ndarray
-    load: float
+    price: float = 0.0
+    load: float = 0.0
 
     @property
     def score(self) -> float:
-        """The sum of log(residual^2) over the joints, and the price of a load."""
-        own = float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum())
-        return own + 0.5 * _SURELY if self.load else own
+        """The sum of log(residual^2) over the joints, and the price of errors of the bodies."""
+        return float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum()) + self.price
 
 
 def _each(motion: _Motion, model: pin.Model, function: Any) -> np.ndarray:
@@ -276,61 +282,67 @@ def _fit(
     gravity: np.ndarray | None = None,
     added: np.ndarray | float = 0.0,
 ) -> _Fit:
-    """Return the likelier fit of those without and with a load that is not described.
+    """Return the likelier fit of those without and with errors of the bodies and a load.
 
-    The load is that on the last body which best explains what the description leaves, near a usual
-    one. One that is heavier than an arm can carry, or lack, or farther away than it reaches is
-    taken in part.
-    Residuals are relative to the torques of the motion, less what is ``added`` (K, n).
+    These are the ones that best explain what the description leaves, near the description and a
+    usual load. Residuals are relative to the torques of the motion, less what is ``added`` (K, n).
     """
     model = robot.model.copy()
     if gravity is not None:
         model.gravity.linear = gravity
     d, tau = _each(motion, model, pin.rnea), motion.tau + added
     bare = _compared(motion, tau, d)
-    usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
-    usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
-    Y = _each(motion, model, pin.computeJointTorqueRegressor)[:, :, -PER_BODY:] * usual
-    rows = motion.without_friction(np.concatenate([Y, (tau - d)[..., None]], axis=2))
-    noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
-    none = np.zeros(PER_BODY)
-    x = Information.of_rows(LABELS, none, rows[..., :-1], rows[..., -1], noise, 1.0).correction
-    mass, moment = float(x[0] * usual[0]), float(np.linalg.norm(x[1:4])) * usual[1]
-    share = max(1.0, beyond(robot, mass, moment))
-    loaded = _compared(motion, tau - Y @ x / share, d, mass / share)
-    fits = bare.fits if bare.fits.all() else loaded.fits & (share == 1.0)
-    return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
+    Y, scale = _each(motion, model, pin.computeJointTorqueRegressor), _deviations(robot)
+    Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
+    rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
+    none, fit = np.zeros(len(scale)), bare
+    for _ in range(2):
+        noise = math.sqrt(len(tau) / _WORTH) * np.hypot(fit.left, _LEAST_RESIDUAL)
+        noise *= rms(motion.tau, 0)
+        parts = rows[..., :-1], rows[..., -1], noise, 1.0
+        found = Information.of_rows([""] * none.size, none, *parts).refined()
+        x = found.estimate
+        fit = _compared(motion, tau - Y @ x, d)
+    loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
+    mass, (deviation,) = float(scale[-PER_BODY] @ x), found.deviation(scale[[-PER_BODY]])
+    mass *= abs(mass) > 2.0 * deviation  # beyond which are 5 % of loads that are none
+    fit = loaded._replace(left=fit.left, price=float(x @ x) / _WORTH, load=mass)
+    best = min(bare, fit, key=lambda one: one.score)
+    return best._replace(fits=bare.fits) if bare.fits.all() else best
 
 
-def beyond(robot: Robot, mass: float, moment: float = 0.0) -> float:
-    """Return by what factor a load is beyond what an arm carries, lacks or reaches; to one: none.
+def _deviations(robot: Robot) -> np.ndarray:
+    """Return the root (10 n + 10, 10 n + 10) of the covariance of all bodies and a load."""
+    from scipy.linalg import block_diag  # here, because scipy is slow to import
 
-    Args:
-        robot: as described.
-        mass: in addition to the last body [kg].
-        moment: size of its first moment about the last joint [kg m].
-    """
+    bodies = physical_set(BodyDynamics(robot, ALL), robot)
+    radius = _HEAVIEST * robot.reach
+    usual = _HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
+    return np.asarray(block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual)))
+
+
+def beyond(robot: Robot, mass: float) -> float:
+    """Return by what factor a load [kg] is beyond what an arm carries or lacks; to one: none."""
     body = max(float(robot.model.inertias[robot.model.njoints - 1].mass), _EPS)
-    heavy, far = mass / (_HEAVIEST * robot.mass), moment / robot.reach / max(mass, body)
-    return max(heavy, -mass / body, far)
+    return max(mass / (_HEAVIEST * robot.mass), -mass / body)
 
 
-def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray, load: float = 0.0) -> _Fit:
-    """Return the comparison of torques (K, n), without those of a load, with described ones."""
+def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
+    """Return the comparison of torques (K, n) with described ones."""
     from scipy.optimize import nnls  # here, because scipy is slow to import
 
-    both = motion.without_friction(np.stack([tau, d], axis=2))
+    both = motion.without(np.stack([tau, d], axis=2), 2)
     level, size = np.maximum(np.linalg.norm(both, axis=0), _EPS).T
     factor = both.prod(axis=2).sum(axis=0) / size**2
     correlation = factor * size / level
     clear = (np.abs(correlation) >= _CLEAR) | (size >= _LEAST * level)
     judged = clear & (size > _VISIBLE * size.max())
     inside = (factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (correlation >= _LEAST)
-    rest = tau - np.clip(factor, *_USUAL) * d
-    left = [nnls(columns, part)[1] for columns, part in zip(motion.friction, rest.T, strict=True)]
+    rest = zip(motion.drives, (tau - d).T, strict=True)
+    left = [nnls(columns, part)[1] for columns, part in rest]
     shares = np.minimum(left / np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS), 1.0)
     described = size / math.sqrt(len(tau))
-    return _Fit(described, factor, correlation, judged, ~judged | inside, shares, load)
+    return _Fit(described, factor, correlation, judged, ~judged | inside, shares)
 
 
 def _mistakes(
@@ -366,15 +378,31 @@ def _mistakes(
     cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
     yield cause, motion._replace(tau=-motion.tau), {}
     bare = _compared(motion, motion.tau, _each(motion, robot.model, pin.rnea))
-    factors = bare.factor[bare.judged & (np.abs(bare.correlation) >= _CLEAR)]
-    if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1]:
+    noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
+    for j, name in enumerate(names):
+        off = np.zeros(len(names))
+        for _ in range(3):  # steps of Gauss-Newton
+            near = (motion._replace(q=motion.q + off + step * (whole == j)) for step in (0.0, 1e-4))
+            d, more = (_each(one, robot.model, pin.rnea) for one in near)
+            both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
+            slope, rest = (both / noise[:, None]).T
+            off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
+        if abs(off[j]) < _LEAST_ANGLE:
+            continue
+        cause = f"the position of {name} is off; --offset {name}={off[j]:.3g}"
+        yield cause, motion._replace(q=motion.q + off), {}
+    # a load raises factors, up to twice
+    clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
+    factors = bare.factor[clear]
+    if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1] ** 2:
         common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
         cause = (
             f"all torques are about {common:.2g} times the described ones, as motor currents "
             f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
             "the data sheet's gains"
         )
-        yield cause, motion._replace(tau=motion.tau / common), {}
+        gains = np.where(clear, bare.factor, common)  # motors may be unlike
+        yield cause, motion._replace(tau=motion.tau / gains), {}
 
 
 def _mountings(robot: Robot) -> Iterator[np.ndarray]:

@@ -15,8 +15,10 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from .._checks import ROUNDING
 from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
+from ..controller.first_samples import CERTAIN as CERTAIN
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
@@ -29,9 +31,6 @@ from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
-_ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
-
-CERTAIN = 5.0  # deviations of a certain lateness; half: healthy logs have it, twice: twice passes
 
 State = TypeVar("State")
 
@@ -89,7 +88,7 @@ class Information:
         """Scale (p) of each parameter's effect; the largest one if it has no effect."""
         sizes = np.linalg.norm(self.R, axis=0)
         largest = sizes.max(initial=0.0) or 1.0
-        return np.where(sizes > _ROUNDING * largest, sizes, largest)
+        return np.where(sizes > ROUNDING * largest, sizes, largest)
 
     @cached_property
     def _singular(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -173,7 +172,7 @@ def dynamic_information(
     model: pin.Model,
     samples: Sequence[Sample],
     a_d: np.ndarray,
-    least_noise: float = _ROUNDING,
+    least_noise: float = ROUNDING,
 ) -> Information:
     """Return the information of measured motion and torque of a chain on dynamic parameters.
 
@@ -256,7 +255,7 @@ def fitted(
     W: np.ndarray,
     r: np.ndarray,
     level: np.ndarray,
-    least_noise: float = _ROUNDING,
+    least_noise: float = ROUNDING,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n).
 
@@ -336,7 +335,7 @@ def gauss_newton(
         A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
         step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
         state = moved(state, step)
-        if np.linalg.norm(A @ step) <= _ROUNDING * np.sqrt(root.size):
+        if np.linalg.norm(A @ step) <= ROUNDING * np.sqrt(root.size):
             break
     return state
 
@@ -480,7 +479,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         return None
     Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
-        free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
+        free = np.array([constraints.free(*state)[0] for state in zip(q, v, strict=True)])
         Y = free @ Y
         residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
     sums = TorqueErrors(Y, residual, tau, last)

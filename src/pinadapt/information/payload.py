@@ -30,13 +30,11 @@ from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.physical_fit import PhysicalSet
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from ..tuning.defaults import INERTIA, prior_covariance
 from .information import Information, dynamic_information, estimate_table
 
 LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
-_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
-USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,17 +243,21 @@ class ArmPrior:
         if prior_covariance(robot, dynamics) is None:
             return cls.of(robot, dynamics, 0.0)
         plain = cls.of(robot, dynamics, 1.0)
-        ball = pin.Inertia.FromSphere(USUAL * robot.mass, USUAL * robot.reach)
+        ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
         ten = robot.model.frames[robot.frame_id].placement.act(ball).toDynamicParameters()
         load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
         load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
-        (R, c), evidence = plain._equations(found), []
-        for share in _SHARES:
-            both = np.hstack([load, share * plain.root])
-            U, s, _ = np.linalg.svd(R @ both, full_matrices=False)
-            explained = s**2 / (1.0 + s**2)
-            evidence.append(float(explained @ (U.T @ c) ** 2 - np.sum(np.log1p(s**2))))
-        return replace(plain, root=_SHARES[int(np.argmax(evidence))] * plain.root)
+        R, c = plain._equations(found)
+
+        def surprise(share: float) -> float:
+            """Return -2 log of the evidence of a share, but for a constant."""
+            U, s, _ = np.linalg.svd(R @ np.hstack([load, share * plain.root]), full_matrices=False)
+            return float(np.sum(np.log1p(s**2)) - s**2 / (1.0 + s**2) @ (U.T @ c) ** 2)
+
+        from scipy.optimize import minimize_scalar  # here, because scipy is slow to import
+
+        share = float(minimize_scalar(surprise, bounds=(0.0, INERTIA), method="bounded").x)
+        return replace(plain, root=share * plain.root)
 
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
         """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""

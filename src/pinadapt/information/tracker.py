@@ -37,7 +37,6 @@ from .information import (
 
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
-_LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
@@ -112,7 +111,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     size = np.arange(a.size).reshape(x.shape[1], -1)
     lumped = a.copy()
     lumped[size[:, :-1]] = 0.0  # of which only the sizes are known beforehand
-    prior = (_LUMPED * reach / kinematics.sizes) ** 2 * len(p)
+    prior = (LEAST_NOISE * reach / kinematics.sizes) ** 2 * len(p)
     found = Information.of_rows(kinematics.names, lumped, X, left + X @ (a - lumped), prior=prior)
     lumped = found.refined().estimate
     check_axes(lumped[size[:, :3]], p, x, motion)

@@ -21,8 +21,6 @@ from ..signals import Signals
 from .law import Command, EstimatedModel, Feedback, Truth, check_in_place, check_margin
 from .task_feedback import TaskFeedback
 
-_NO_POSTURE = np.zeros((4, 0))
-
 
 @dataclass(frozen=True, eq=False)
 class AccelerationLaw(TaskFeedback):
@@ -109,13 +107,13 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
         inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
-        q, rows, w = s.v, _NO_POSTURE, 0.0
+        q, w = s.v, 0.0
         if not inverse.unique:
             q = s.q if posture.plain else posture.coordinates(s.q)
-            rows, w = posture.rows, posture.frequency
+            w = posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
-            inverse.J, inverse.gram_inverse, s.v, q, rows, w, missed, v,
+            inverse.J, inverse.gram_inverse, s.v, q, posture.rows, w, missed, v,
         )  # fmt: skip
         return v
 

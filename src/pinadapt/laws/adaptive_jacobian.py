@@ -24,7 +24,7 @@ from ..tasks.frame import PoseTask
 from .law import Command, EstimatedModel, Feedback, Truth, check_in_place
 from .task_feedback import TaskFeedback
 
-_NOTHING = np.zeros(0)
+_NOTHING = np.array([])
 
 
 @dataclass(frozen=True, eq=False)

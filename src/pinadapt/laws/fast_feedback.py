@@ -18,7 +18,6 @@ from ..signals import Signals
 from ..tasks.task import JointTask
 from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
 
-_DAMPING = 0.7  # of the springs' fast modes
 _STEP = 0.4  # of the motor's inertia over the period, at most
 
 
@@ -48,8 +47,8 @@ class FastFeedback(Law):
 
     ``make_controller(robot, law=FastFeedback("separation"), limits=Limits(actuators=...))`` tunes
     the law as without it, and K_f for declared springs with ``encoders="link"``: the fast modes of
-    each joint at home are damped at 0.7 of the critical value, K_f at most 0.4 B / dt. Every
-    ``Measurement`` then needs w.
+    each joint at home are damped at 1 / sqrt(2) of the critical value, K_f at most 0.4 B / dt.
+    Every ``Measurement`` then needs w.
 
     Attributes:
         law: the law, or the name of one that ``make_controller`` makes.
@@ -129,7 +128,7 @@ class FastFeedback(Law):
                 hint="Set it with Robot.changed(armature=...), or give the gain itself.",
             )
         fast = np.sqrt(K * (1.0 / B + 1.0 / (joint_inertia(robot) - B)))
-        return np.minimum(2.0 * _DAMPING * fast * B, _STEP * B / dt)
+        return np.minimum(np.sqrt(2.0) * fast * B, _STEP * B / dt)
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the law's command, K_f (qd - w) added to its torque.

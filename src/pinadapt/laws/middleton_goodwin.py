@@ -14,7 +14,8 @@ from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .law import Command, EstimatedModel, Truth
 
-_STEP = 1e-6  # [rad or m] of the difference along the motion
+# [rad or m] of a central difference, where truncation and rounding are as large
+_STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from ..signals import Signals
 from ..tasks.frame import rotation_drift
 from ..tasks.task import JointTask, Task
@@ -39,8 +39,7 @@ _DAMPING = 3.0  # K_v in bandwidths times inertia
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
 # UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
-_LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach; half or twice:
-# docs/default_law.md
+_ARM = 0.05  # of the reach: of the load assumed for K_D; half or twice: docs/default_law.md
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
 
 
@@ -364,7 +363,7 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def assumed_load(robot: Robot) -> Payload:
     """Return a ball of a tenth of a robot's mass, whose radius is a twentieth of its reach."""
-    mass = _LOAD * robot.mass
+    mass = LOAD * robot.mass
     turning = mass * (_ARM * robot.reach) ** 2
     return Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
 

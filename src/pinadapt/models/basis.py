@@ -21,15 +21,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, vector
+from .._checks import ROUNDING, instance, numbers, vector
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import PER_BODY, SAMPLES, State, random_states
 from .task_kinematics import TaskKinematics
-
-_NEGLIGIBLE = 1e-8  # share of a torque or column that counts as rounding; true ones lie far above
 
 
 class BasisDynamics(InertialDynamics):
@@ -100,7 +98,7 @@ class TorqueFit:
         )
         components = self._Q.T @ tau
         left = np.linalg.norm(tau - self._Q @ components)
-        if robot.friction.present or left > _NEGLIGIBLE * np.linalg.norm(tau):
+        if robot.friction.present or left > ROUNDING * np.linalg.norm(tau):
             return None
         return np.asarray(np.linalg.solve(self._R, components))
 
@@ -209,17 +207,17 @@ def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     1e-8 of the largest is zero.
     """
     sizes = np.linalg.norm(W, axis=0)
-    floor = _NEGLIGIBLE * sizes.max(initial=0.0)
+    floor = ROUNDING * sizes.max(initial=0.0)
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
     left, chosen = units.copy(), []
     for j in range(len(sizes)):
         length = np.linalg.norm(left[:, j])
-        if length > _NEGLIGIBLE:
+        if length > ROUNDING:
             chosen.append(j)
             direction = left[:, j] / length
             left -= np.outer(direction, direction @ left)
     R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]
-    R[np.abs(R) < _NEGLIGIBLE] = 0.0
+    R[np.abs(R) < ROUNDING] = 0.0
     R *= sizes / sizes[chosen][:, None]
     R[:, chosen] = np.eye(len(chosen))
     return np.array(chosen, dtype=int), R

@@ -25,10 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from .._checks import ROUNDING
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
-
-_SAME = 1e-9  # difference below which two times are the same [s]
 
 
 class Frame(NamedTuple):
@@ -50,6 +49,18 @@ class Frame(NamedTuple):
     turn: Any = None
 
 
+class Explained(NamedTuple):
+    """What explains the frames so far, see ``FrameFit``; p parameters, m_p positions.
+
+    Attributes:
+        value: (p + m_p) error of the estimate at the start, and offset of x [m].
+        sums: (p + m_p, p + m_p + 1) of X^T X and X^T e over the frames, normalised.
+    """
+
+    value: np.ndarray
+    sums: np.ndarray
+
+
 class SensedState(NamedTuple):
     """The state of the robot according to its sensors, kept until the next sample.
 
@@ -67,6 +78,7 @@ class SensedState(NamedTuple):
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
         trail: of the samples, with which the next one is compared, see the kernel ``check_joints``.
+        fit: to the frames so far; None: there was none, or they are not compared.
     """
 
     q: np.ndarray
@@ -78,6 +90,7 @@ class SensedState(NamedTuple):
     history: tuple[tuple[float, np.ndarray], ...] = ()
     first: np.ndarray | None = None
     trail: np.ndarray = np.zeros(0)
+    fit: Explained | None = None
 
 
 @dataclass(frozen=True)
@@ -134,8 +147,8 @@ class DelayCompensator:
             frame = self._frame(t_before, before.q, before.x, kinematics, None)
         history = (*history, (t, q))
         taken = t if x_time is None else x_time
-        if x is not None and taken > frame.t + _SAME:
-            if taken > t + _SAME:
+        if x is not None and taken > frame.t + ROUNDING:
+            if taken > t + ROUNDING:
                 raise MeasurementError("x_time", x_time, f"is later than the sample's own, {t:g} s")
             history, q_c = _at(history, taken, kinematics)
             frame = self._frame(taken, q_c, x, kinematics, frame)
@@ -176,7 +189,7 @@ def _at(
     """
     history = history[max(bisect_right(history, t, key=lambda sample: sample[0]) - 1, 0) :]
     (t_0, q_0), (t_1, q_1) = history[0], history[min(1, len(history) - 1)]
-    if t <= t_0 + _SAME or t_1 == t_0:
+    if t <= t_0 + ROUNDING or t_1 == t_0:
         return history, q_0
     share = (t - t_0) / (t_1 - t_0)
     return history, np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))

@@ -182,8 +182,7 @@ class StackedDynamics(Dynamics):
         self.bodies, self.per_body = inertial.bodies, inertial.per_body
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
-        shafts = joints.tables[-1]
-        self._shafts = (shafts[:, :, None] * shafts[:, None, :]).reshape(len(shafts), -1)
+        self._shafts = joints.tables[-1]
         self._places = np.ravel_multi_index(joints.places, self._values.shape)
         self._values.put(self._places, joints.initial)
 
@@ -226,7 +225,7 @@ class StackedDynamics(Dynamics):
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
         M = self._inertial.mass_matrix(q)
-        M += self._values[0].dot(self._shafts).reshape(M.shape)
+        M += (self._shafts.T * self._values[0]).dot(self._shafts)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from numpy import empty
 from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
+from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError, RobotError, did_you_mean
 from ..robot.changes import Friction
 from ..robot.robot import Robot
@@ -193,6 +194,8 @@ class JointEffects:
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
     """Return (kind, shaft) of each named coefficient, ordered by kind, then by shaft.
 
+    A free base has none.
+
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.
     """
@@ -200,6 +203,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
         f"{names[shaft]}.{kind}": (number, shaft)
         for number, kind in enumerate(KINDS)
         for shaft in range(len(names) if number < _OF_SHAFTS else n)
+        if names[shaft] not in BASE_JOINTS
     }
     for word in words:
         if word not in KINDS and word not in every:

@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance
+from .._checks import ROUNDING, instance
 from .._kernels import models as kernels
 from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
@@ -50,10 +50,9 @@ GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
 _TOOL, _BASE = 10.0, 3.0  # times those, of the tool and of the base
 OFF = 0.1  # of the reach: how far off what has the size of one may be
-BOUND = 10.0  # of the sizes of displacements and of cameras: their bounds
-_WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
-_LONGEST = 5.0  # of the nominal length; its inverse is the shortest
-_SAME = 1e-9  # [m] or [rad]
+BOUND = 10.0  # bounds: of the sizes of displacements and of cameras, of the reach for the base, and
+# of a nominal length, whose shortest is the inverse
+_WIDE = 0.5  # of the reach: bounds of a translation, but of the base
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
@@ -96,14 +95,14 @@ class Columns:
 def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -> Columns:
     """Return the columns of unknown translations, whose values are the translations themselves.
 
-    By default a length lies between a fifth and five times the nominal one, other coordinates
+    By default a length lies between a tenth and ten times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
     values = placed_values(robot.model, robot.frame_id, translations)
     sizes = [part.size for part in translations]
     initial = np.concatenate([np.zeros(0), *values])
     joints = [part.joint or robot.model.njoints for part in translations]
-    margins = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in translations]
+    margins = [BOUND if part.joint == FIRST else _WIDE for part in translations]
     margin, length = (np.repeat(each, sizes) for each in (margins, np.equal(sizes, 1)))
     shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
     return Columns(
@@ -114,7 +113,7 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
         np.ones(initial.size),
         np.where(
             length,
-            np.outer([1.0 / _LONGEST, _LONGEST], initial),
+            np.outer([1.0 / BOUND, BOUND], initial),
             initial + np.outer([-robot.reach, robot.reach], margin),
         ),
     )
@@ -353,10 +352,10 @@ class LinearKinematics(TaskKinematics):
         if not self.calibrated:
             left = left[:, :m]
         found = np.zeros(self.size)
-        if np.abs(left).max() >= _SAME:
+        if np.abs(left).max() >= ROUNDING:
             found = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
             left[:, :m] -= (W @ found).reshape(-1, m)
-        return start + found * self.sizes if np.abs(left).max() < _SAME else None
+        return start + found * self.sizes if np.abs(left).max() < ROUNDING else None
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""

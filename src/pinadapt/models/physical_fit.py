@@ -23,6 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._checks import ROUNDING
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import COEFFICIENTS, COLUMNS, nearest_physical
@@ -31,7 +32,6 @@ from .regressor import PER_BODY
 
 _FALL = 3.0  # of gamma, from one value to the next
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
-_DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
 
 
@@ -124,7 +124,7 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
         raise ParameterError(
             "least squares in the physical cone need parameters of bodies and joints.",
             where="identify",
-            hint="An estimator takes any dynamics: see pinadapt.Estimator.",
+            hint="Leave out basis and unknown lengths.",
         )
     margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
     return around(dynamics, dynamics.initial, *margins)
@@ -227,7 +227,7 @@ def _newton(
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
-        if fall <= _DECREMENT * gamma:
+        if fall <= ROUNDING * gamma:
             return a
         share = 1.0
         while share > 1e-12:

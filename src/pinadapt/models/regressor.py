@@ -18,7 +18,7 @@ from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-SAMPLES = 60  # states at which two models are compared; 20 suffice for seven joints
+SAMPLES = 30  # states that stand for all; 20 suffice to compare two models of seven joints
 State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
 UNITS = "kg", "kg m", "kg m", "kg m", *("kg m^2" for label in LABELS if label.startswith("I"))
 

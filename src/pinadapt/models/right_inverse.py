@@ -14,33 +14,38 @@ _NULL, _WHOLE = (0.45, 0.55), (1.0, 1.06)  # of the speeds: from where on, and a
 
 
 class RightInverse:
-    """J^+ = J^T (J J^T + mu^2 I)^-1 of a Jacobian J (m, n), m <= n; mu = 0 away from singularities.
+    """J^+ = J^T (J J^T + diag mu^2)^-1 of a Jacobian J (m, n), m <= n; mu = 0 off singularities.
 
     A null-space velocity psi enters as r = J^+ u + (I - J^+ J) psi. Without damping J r = u: psi
-    has no effect on the task. With damping J r = u - mu^2 (J J^T + mu^2 I)^-1 (u - J psi): the task
-    velocity is off by at most the share mu^2 / (s_min^2 + mu^2) of u - J psi, and (17) of Wang and
-    Xie holds up to that.
+    has no effect on the task. r is nearest to psi where sum |J_k r - u_k|^2 / mu_k^2 + |r - psi|^2
+    is least over the levels k of rows, those with mu_k = 0 being met exactly.
 
     Damping starts where s = tr((J J^T)^-1)^(-1/2) falls below a threshold s_0. Since s^-2 is the
     sum of all sigma_i^-2, s is at most the smallest singular value, and at least that over sqrt(m);
-    it costs nothing, as the solution needs (J J^T)^-1 anyway. mu^2 = mu_max^2 (1 - (s / s_0)^2) as
-    in damped least squares, with mu_max^2 = s_0^2 / 2, the smallest value that ensures
-    |J^+| <= 1 / s_0.
+    it costs nothing, as the solution needs (J J^T)^-1 anyway. Of a single level mu^2 = mu_max^2
+    (1 - (s / s_0)^2) as in damped least squares, with mu_max^2 = s_0^2 / 2, the smallest value that
+    ensures |J^+| <= 1 / s_0.
+
+    Levels are the rows in their order of priority: constraints, then each task frame. s_k is that
+    of what the levels before leave of the rows of level k, and mu_k^2 = mu_{k-1}^2 + mu_max^2 (1 -
+    (s_k / s_0)^2), the last term where s_k < s_0. So a level misses nothing for those behind it
+    while it and those before it can be met, and never counts less than they do.
 
     Y. Nakamura, H. Hanafusa, ASME J. Dyn. Syst. Meas. Control 108 (1986) 163-171; S. Chiaverini,
-    IEEE T. Robot. Autom. 13 (1997) 398-410.
+    IEEE T. Robot. Autom. 13 (1997) 398-410; of priorities B. Siciliano, J.-J. Slotine, ICAR 1991,
+    1211-1216.
 
     Attributes:
         J: the Jacobian (m, n), with the rows of A behind those of the task.
-        gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
+        gram_inverse: (J J^T + diag mu^2)^-1 (m, m).
         size: number of rows of the task.
-        damping: mu^2.
+        damping: mu^2 of each row (m).
         conditioning: s.
         unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
     __slots__ = (
-        *("J", "_A_rate", "_rows", "_rows_rate"),
+        *("J", "_A_rate", "_damped", "_levels", "_rows", "_rows_rate"),
         *("conditioning", "damping", "gram_inverse", "size", "unique"),
     )
 
@@ -49,30 +54,38 @@ class RightInverse:
         J: np.ndarray,
         threshold: float = 0.0,
         constraints: tuple[np.ndarray, np.ndarray] | None = None,
+        levels: np.ndarray | None = None,
     ) -> None:
         """Invert the Jacobian (m, n); ``threshold`` is s_0, zero for no damping.
 
         Under constraints A r = 0, A (k, n) and dA/dt (k, n), it is that of [J; A], with u zero in
-        the rows of A; see ``moving``.
+        the rows of A; see ``moving``. ``levels`` (m) are the rows' places in the order of priority
+        of the task, floats from 0; None: all alike.
 
         Raises:
             DivergedError: J has lost rank without damping, or is not finite.
         """
         self.size, self._A_rate = len(J), None
+        self._levels = np.zeros(len(J)) if levels is None else levels
         if constraints is not None:
             A, self._A_rate = constraints
             J, self._rows = np.concatenate([J, A]), np.zeros(len(A))
             self._rows_rate = self._rows
+            if len(A):
+                self._levels = np.concatenate([self._levels + 1.0, self._rows])
         m, n = J.shape
-        self.J, self.gram_inverse = J, empty((m, m))
-        self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
+        self.J, self.damping, self.gram_inverse = J, empty(m), empty((m, m))
+        self.conditioning, lost = kernels.invert_gram(
+            J, threshold, self._levels, self.damping, self.gram_inverse
+        )
         if lost:
             raise DivergedError(
                 "the estimated Jacobian lost rank: the arm is at a singularity of the estimated "
                 "kinematics. Keep the path away from the edge of the workspace, start with better "
                 "kinematics, or damp the inverse (damping = 0.2)."
             )
-        self.unique = m == n and not self.damping
+        self._damped = self.conditioning < threshold
+        self.unique = m == n and not self._damped
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
@@ -96,7 +109,7 @@ class RightInverse:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return r = ``solve(u, psi)`` and dr/dt (n), where u, psi and J change at ud, psid, Jdot.
 
-        With y = (J J^T + mu^2 I)^-1 (u - J psi), so that r = psi + J^T y,
+        With y = (J J^T + diag mu^2)^-1 (u - J psi), so that r = psi + J^T y,
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
         if self._A_rate is not None:
@@ -105,7 +118,7 @@ class RightInverse:
         if psi is None or psid is None:
             psi = psid = np.zeros(self.J.shape[1])
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
-        damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
+        damping_rate = self._damping_rate(Jdot)
         kernels.right_inverse_and_rate(
             self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, missed, y, r, rate
         )
@@ -148,13 +161,35 @@ class RightInverse:
         if not self.unique:
             torque -= self.null(D * self.null(z))
 
-    def _damping_rate(self, Jdot: np.ndarray) -> float:
-        """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
-        U, sigma, _ = np.linalg.svd(self.J, full_matrices=False)
-        sigma = np.maximum(sigma, np.finfo(float).eps * sigma[0])
-        halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
-        ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
-        return float(-halves.dot(ratios * ratios))
+    def _damping_rate(self, Jdot: np.ndarray) -> np.ndarray:
+        """Return d(mu^2)/dt (m).
+
+        What the levels before leave of those behind is S = E^T (J J^T + diag mu^2) E, mu = 0 in its
+        own rows, with E = I there and, in the rows before, minus what they do for it. mu_k^2 grows
+        by -d(s_k^2)/dt / 2 = -sum_i (s_k^2 / lambda_i)^2 dlambda_i/dt / 2, lambda_i the eigenvalues
+        of S.
+        """
+        if not self._damped:
+            return self.damping
+        rate, total, above = np.zeros(len(self.J)), 0.0, 0.0
+        gram, gram_rate = self.J @ self.J.T, Jdot @ self.J.T
+        gram_rate += gram_rate.T
+        for level in np.unique(self._levels):
+            before, own = self._levels < level, self._levels == level
+            mu_2 = self.damping[own][0]
+            if mu_2 > above:
+                E = np.eye(len(self.J))[:, own]
+                D = np.diag(np.where(before, self.damping, 0.0))
+                E[before] = -np.linalg.solve(
+                    (gram + D)[np.ix_(before, before)], gram[before][:, own]
+                )
+                values, U = np.linalg.eigh(E.T @ (gram + D) @ E)
+                values = np.maximum(values, np.finfo(float).eps * values[-1])
+                ratios = 1.0 / (values * np.sum(1.0 / values))  # s^2 / lambda_i
+                E = E @ U
+                total -= 0.5 * ratios**2 @ np.einsum("ij,ij->j", E, (gram_rate + np.diag(rate)) @ E)
+            rate[own], above = total, mu_2
+        return rate
 
 
 def bound_smoothly(

@@ -88,9 +88,8 @@ class TaskKinematics(ABC):
             v: (nv) velocity.
             threshold: below which it is damped, see ``RightInverse``.
         """
-        if self.constraints is None:
-            return RightInverse(self.J, threshold)
-        return RightInverse(self.J, threshold, self.constraints.at(q, v))
+        constraints = None if self.constraints is None else self.constraints.at(q, v)
+        return RightInverse(self.J, threshold, constraints, self.task.levels)
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
@@ -194,12 +193,18 @@ class JointKinematics(TaskKinematics):
         m, self._no_rate = len(self.J), np.zeros(self.J.shape)
         self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
         self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
-        self._q, self.xd_hat = robot.q0, np.zeros(m)
+        self._q, self.xd_hat, self._inverse = robot.q0, np.zeros(m), RightInverse(self.J)
         self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         self._q, self.xd_hat = q, v[self._dofs]
+
+    def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
+        """Return the inverse of I, or that under the constraints."""
+        if self.constraints is None:
+            return self._inverse
+        return super().inverse(q, v, threshold)
 
     @property
     def x_hat(self) -> np.ndarray:

@@ -14,12 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from .linear_kinematics import OFF
+from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Translation
 
 TRACKER = "tracker"
-_TURNED = 1.5  # bound of an entry of the rotation
 _FARTHEST = 1e3  # [m] of the frame at home from the tracker
 _INEXACT = 0.01  # of the sizes, by which a described arm differs from a real one
 
@@ -56,7 +55,7 @@ class TrackerKinematics(ProjectedKinematics):
         self._project(robot, unknown, ())
         k, self._rows = self.nominal.size, self.task.place
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
-        wide = np.repeat([_TURNED, _TURNED * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
+        wide = np.repeat([BOUND, BOUND * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
 

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ..robot.robot import Robot
 from .dynamics import Dynamics
+from .regressor import SAMPLES
 from .task_kinematics import TaskKinematics
 
-_SAMPLES = 30
 _SPREAD = 0.3  # of the configurations around home [rad or m]
 _SINGULAR = 1e-2  # singular values left out of inverses, relative to the largest
 
@@ -37,7 +37,8 @@ class TypicalMotion:
 
     Task coordinates have a typical speed of a sixth of the reach per second (rotations and joints
     of a sixth of a radian per second), and the acceleration with which the feedback reacts to an
-    error of one per cent of the reach. What the dynamics give is computed on first use.
+    error of one per cent of the reach. Under constraints all of it is what they allow. What the
+    dynamics give is computed on first use.
 
     Attributes:
         robot: the nominal robot.
@@ -47,6 +48,8 @@ class TypicalMotion:
         kinematic_regressors: Y_p (m_p, p_k), the position rows of Y_k, at each state.
         position_regressors: X_k = dx/da_k (m_p, p_k) at each state.
         right_inverses: (N, n, m) J^+ at each state, without directions that J hardly moves.
+        free: (N, n, n) projection of torques onto what no constraint force changes, the identity
+            without constraints.
         bandwidth: of the feedback [rad/s].
         efforts: (n) limits of the motors [N m or N], infinite where there is none.
     """
@@ -68,25 +71,28 @@ class TypicalMotion:
         p, m = kinematics.task.positions, kinematics.task.size
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
-        found = []
-        for _ in range(_SAMPLES):
-            q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-            kinematics.update(kinematics.initial, q, np.zeros(model.nv))
-            J = kinematics.J
-            inverse = np.linalg.pinv(J, rcond=_SINGULAR)
+        constraints = robot.constrained
+        found, still = [], np.zeros(model.nv)
+        home = constraints.free(robot.q0, still)[0]
+        for _ in range(SAMPLES):
+            way = rng.uniform(-_SPREAD, _SPREAD, model.nv).dot(home)
+            q = pin.integrate(model, robot.q0, way)
+            kinematics.update(kinematics.initial, q, still)
+            J, free, A = kinematics.J, constraints.free(q, still)[0], constraints.at(q, still)[0]
+            inverse = np.linalg.pinv(np.concatenate([J, A]), rcond=_SINGULAR)[:, : len(J)]
             v, a = scale * rng.standard_normal((2, m)) @ inverse.T
             kinematics.update(kinematics.initial, q, v)
-            found.append((q, v, a, J, inverse, kinematics.Y_p, kinematics.X_k))
+            found.append((q, v, a, J, inverse, free, kinematics.Y_p, kinematics.X_k))
         columns = [np.array(column) for column in zip(*found, strict=True)]
         self.states = States(*columns[:3])
-        self.jacobians, self.right_inverses = columns[3:5]
-        self.kinematic_regressors, self.position_regressors = map(list, columns[5:])
+        self.jacobians, self.right_inverses, self.free = columns[3:6]
+        self.kinematic_regressors, self.position_regressors = map(list, columns[6:])
 
     @cached_property
     def regressors(self) -> np.ndarray:
-        """Y (N, n, p_d) at each state."""
+        """P Y (N, n, p_d) at each state, Y without constraints."""
         states = zip(*self.states, strict=True)
-        return np.array([self.dynamics.regressor(*state) for state in states])
+        return self.free @ np.array([self.dynamics.regressor(*state) for state in states])
 
     @cached_property
     def mass_matrices(self) -> np.ndarray:
@@ -96,10 +102,15 @@ class TypicalMotion:
 
     @cached_property
     def unit_masses(self) -> np.ndarray:
-        """W (N, n, n) with W M_hat W^T = 1, M_hat^-1/2 up to a rotation, at each state."""
-        eigenvalues, vectors = np.linalg.eigh(self.mass_matrices)
+        """W (N, n, n) with W M_hat W^T = 1, M_hat^-1/2 up to a rotation, at each state.
+
+        Under constraints it is that of the motions which they allow: W M_hat W^T is a projection,
+        and A W^T = 0.
+        """
+        P = self.free
+        eigenvalues, vectors = np.linalg.eigh(P @ self.mass_matrices @ P + (np.eye(P.shape[1]) - P))
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
-        return np.asarray(scaled.swapaxes(1, 2))
+        return np.asarray(scaled.swapaxes(1, 2) @ P)
 
     @property
     def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:

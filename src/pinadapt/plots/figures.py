@@ -62,7 +62,7 @@ _KINDS = {
 }
 
 
-def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
+def parameter_figure(run: Drawable) -> Picture:
     """Return the figure of the estimates, with a panel for each kind of parameter.
 
     Those that the motion does not tell from others are grey. Of a kind with many parameters, those
@@ -70,7 +70,6 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 
     Args:
         run: the run.
-        dashed: legend of the dashed lines, drawn at ``a_k_true`` and ``a_d_true``.
     """
     lumped = any("(" in name for name in run.kinematic_names)  # of a tracker or a camera
     label = "kinematic" if lumped else "kinematic [m]"
@@ -86,7 +85,7 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
     figure, axes = panels(max(len(drawn), 1))
     for ax, (label, values, truth, names) in zip(axes, drawn, strict=False):
         grey = set(names) & set(run.not_identified)
-        notes = [dashed] * (truth is not None) + ["grey: not identified"] * bool(grey)
+        notes = ["dashed: truth"] * (truth is not None) + ["grey: not identified"] * bool(grey)
         curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
     if not drawn:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)

@@ -323,11 +323,9 @@ class RealtimeLoop:
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)
-        self._path = Hold(controller.kinematics.task.measured(m.x, m.q))
+        self._path = Hold.of(controller.kinematics.task, m)
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
-            if self._path.at(0.0).feet is not None:
-                raise InputError("steps are not recorded, so not replayed.", where="motion")
             if self.stage is Stage.SLOW:
                 self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)
@@ -351,13 +349,14 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run the controller from a state, beside the path, and forget what came of it.
+        """Run the controller from a state, beside the arm's place, and forget what came of it.
 
         Raises:
             ArmError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
-        aside = self._path.shifted(np.full(controller.kinematics.task.size, _ASIDE))
+        task = controller.kinematics.task
+        aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
             try:
@@ -477,8 +476,7 @@ class RealtimeLoop:
         elif self._phase in (Phase.RUNNING, Phase.HOLDING):
             torque = self._controlled(m, dt)
         if self._phase is Phase.DAMPING:
-            torque = self._safe(m, self.safety.damping)
-            torque = torque + self._checks.unexplained  # of a load that is not learned
+            torque = self._safe(m, self.safety.damping, beside=self._checks.unexplained)
         self._advance()
         if torque is None or self._phase is Phase.STOPPED or self.stage is Stage.LOG:
             return None
@@ -511,7 +509,8 @@ class RealtimeLoop:
             return None
         self._last.append(torque)
         self._state = after
-        self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
+        feet = getattr(desired.feet, "table", None)
+        self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
         sensed, task = after.sensed, controller.kinematics.task
         x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
         dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
@@ -534,10 +533,10 @@ class RealtimeLoop:
         added = self._controller.compensation
         return torque if added is None else torque + added(m.q)
 
-    def _safe(self, m: Measurement, damping: float, hold: bool = True) -> np.ndarray:
+    def _safe(self, m: Measurement, damping: float, **options: Any) -> np.ndarray:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
         assert self._state is not None
-        torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
+        torque, self._state = self._controller.safe(self._state, m, damping=damping, **options)
         unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])
@@ -657,6 +656,9 @@ class RealtimeLoop:
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
+            stands = getattr(self._state, "stands", None)
+            if stands is not None and not stands.all():
+                raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             self._begin = self._t
             self._go(value, 0.0, f"new reference, {value!r}")
         else:

@@ -35,7 +35,7 @@ from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
-from ..records import Desired, Measurement
+from ..records import Desired, DesiredSteps, Feet, Measurement
 from ..robot.changes import Payload
 from .arm import MAIN, end_process, start_process
 
@@ -81,6 +81,7 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
     sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
     sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
+    sizes["feet"] = 10 * len(kinematics.robot.contacts)  # NaN: all stand
     one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
     return np.dtype(
         [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
@@ -544,6 +545,8 @@ class CycleLog:
                 continue
             m, given = measurement_of(row), np.array(row["given"])
             desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
+            if np.isfinite(row["feet"]).any():
+                desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
                 try:
                     state = controller.init(m, **start)

@@ -95,7 +95,8 @@ def load(
             robot_descriptions, ``pin.Model`` or ``RobotWrapper``; it is not changed.
         frame: task frame; default: that of the catalogue, else the end of a chain that looks most
             like a tool, see ``end_links``.
-        frames: task frames that one controller moves, in place of ``frame``.
+        frames: task frames that one controller moves, in place of ``frame``, in their order of
+            priority: where not all can be followed, the first ones are.
         task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint" for the joint positions;
             default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
             cannot move its frame in all of xyz.
@@ -130,7 +131,8 @@ def load(
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
             unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
             few joints for the task or more than 100, wrong sizes or NaN; loops that do not close
-            near the home pose, or in which motors cannot move independently.
+            near the home pose, or constraints under which motors, or the rows of the task, cannot
+            move independently there.
     """
     instance(frame, str | None, "frame", RobotError)
     instance(task, str | None, "task", RobotError)
@@ -145,12 +147,10 @@ def load(
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
-    if others and (free or closed or idle or task == JOINT):
+    if others and task == JOINT:
         raise RobotError(
-            "several frames are controlled on a fixed base without loops, by their positions or "
-            "poses.",
+            "several frames are controlled by their positions or poses, not by the joints.",
             where="frames",
-            hint="Give one frame, or leave out base, loops, passive and the task of the joints.",
         )
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
@@ -301,14 +301,14 @@ def _load_chain(
         constraints = *follow, *constraints
     for part in constraints:
         part.check(model)
+    several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
         chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
-        several = {name: frame_id(model, name) for name in (frame, *others)}
         tips = [*several.values()]
         chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
-        if others and isinstance(chosen, FrameTask):
-            chosen = FramesTask.of(chosen, several)
+    if others and isinstance(chosen, FrameTask):
+        chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     constraints = independent(model, consistent(model, home, constraints), constraints)
@@ -330,17 +330,21 @@ def _load_chain(
         constraints=constraints,
         passive=passive,
     )
+    J = np.zeros((0, model.nv))
     if isinstance(chosen, JointTask):
+        J = np.eye(model.nv)[robot.motors]
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
-        A, _ = robot.constrained.at(home, np.zeros(model.nv))
-        both = np.vstack([np.eye(model.nv)[robot.motors], A])
-        if np.linalg.matrix_rank(both, tol=DEPENDENT * np.linalg.norm(both)) < len(both):
-            raise RobotError(
-                f"{int(robot.motors.sum())} motors cannot move independently: constraints leave "
-                f"{model.nv - len(A)} motions.",
-                where="passive",
-                hint="Name joints without a motor: passive=[...].",
-            )
+    elif isinstance(chosen, FramesTask):
+        J = chosen.linear_map(model, model.createData(), tip, home)[1]
+    A, _ = robot.constrained.at(home, np.zeros(model.nv))
+    both = np.vstack([J, A])
+    if len(J) and np.linalg.matrix_rank(both, DEPENDENT * np.linalg.norm(both)) < len(both):
+        raise RobotError(
+            f"{len(J)} {'motors' if chosen.name == JOINT else 'rows of the task'} cannot move "
+            f"independently: constraints leave {model.nv - len(A)} motions at home.",
+            where="task",
+            hint="Name joints without a motor, passive=[...], fewer frames, or another q0.",
+        )
     return robot if q0 is None or constraints else robot.at(q0)
 
 

@@ -516,6 +516,8 @@ def robot_sheet(robot: Robot) -> Sheet:
 
 # A load is picked up or put down, a tool is exchanged
 
+# that is expected of a robot, as a share of its mass; half or twice: docs/default_law.md
+LOAD = 0.1
 EARLY = 1e-6  # [s], tolerance for the rounding error of a time that is a sum of periods
 
 

@@ -13,7 +13,6 @@ from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
     effort_limits,
-    frame_id,
     position_limits,
     velocity_limits,
 )
@@ -43,7 +42,7 @@ _SPEED = 1.5
 # A1 circles with 39 and 96 mm in place of 61, and errs by 0.9 and 2.1 mm in place of 1.0 at first
 # under 5 kg that nobody announced
 _BALANCE = 0.5
-_SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
+SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
 
 def rounded_down(number: float) -> float:
@@ -192,7 +191,7 @@ def find_swing(robot: Robot) -> Sinusoid:
     period = np.round(period, 1)
     most = np.minimum(
         np.where(list(robot.slides.values()), 0.1, 0.3),  # [m], [rad]
-        _SHARE * velocity_limits(model) * period / (2.0 * pi),
+        SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - _margin(lower, upper)
     up, own = room[0] >= room[1], robot.motors  # of all others the constraints decide
@@ -215,7 +214,7 @@ def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     ]
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
-    efforts = np.maximum(_SHARE * effort_limits(model), 1.05 * held)
+    efforts = np.maximum(SHARE * effort_limits(model), 1.05 * held)
     return bool((np.abs(torques) <= efforts).all())
 
 
@@ -257,7 +256,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
-        if robot.contacts and not _balanced(tool, q):
+        if robot.contacts and not _balanced(tool, data, q):
             return None
         offset = np.zeros(task.size)
         offset[:m] = np.tile(position - at[0], count)
@@ -273,19 +272,21 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     if distances[0] >= 0.0 > distances.min():
         return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
-    speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
+    speeds = np.minimum(speeds, SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
 
 
-def _balanced(robot: Robot, q: np.ndarray) -> bool:
-    """Return whether the centre of mass is well above the feet at a configuration (nq)."""
+def _balanced(robot: Robot, data: pin.Data, q: np.ndarray) -> bool:
+    """Return whether the centre of mass is well above the feet at a configuration (nq).
+
+    ``data`` is scratch.
+    """
     from scipy.optimize import nnls  # here, because few robots stand
 
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
     pin.framesForwardKinematics(model, data, q)
-    points = np.vstack(
-        [_edges(part, data.oMf[frame_id(model, part.frame)]) for part in robot.contacts]
-    )
+    places = [data.oMf[model.getFrameId(part.frame)] for part in robot.contacts]
+    points = np.vstack([_edges(*each) for each in zip(robot.contacts, places, strict=True)])
     middle = points.mean(axis=0)
     at = middle + (pin.centerOfMass(model, data, q)[:2] - middle) / _BALANCE
     _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -117,13 +117,45 @@ class Slowdown(NamedTuple):
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
     paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-    found = []
-    for slow, own in groupby(paths, key=lambda each: each[1].rate < 0.99):
-        if slow:
+    return tuple(
+        Slowdown(start, end, cause, min(path.rate for path in own))
+        for start, end, cause, own in _episodes(paths, lambda path: path.rate < 0.99)
+    )
+
+
+class Shortfall(NamedTuple):
+    """An interval in which contacts and motors could not give the torque that the law asked for.
+
+    Attributes:
+        start, end: time of its first and last sample [s].
+        cause: as ``Missed.cause``, the one that acted longest.
+        largest: norm of what was missed [N, N m].
+    """
+
+    start: float
+    end: float
+    cause: str
+    largest: float
+
+
+def shortfalls(samples: Sequence[Sample]) -> tuple[Shortfall, ...]:
+    """Return the intervals in which the torque was infeasible, in order."""
+    missed = [(sample.state.t, sample.state.missed) for sample in samples]
+    return tuple(
+        Shortfall(start, end, cause, max(each.size for each in own))
+        for start, end, cause, own in _episodes(missed, lambda each: each.size > 0.0)
+    )
+
+
+def _episodes(
+    timed: Sequence[tuple[float, Any]], acts: Callable[[Any], bool]
+) -> Iterator[tuple[float, float, str, tuple[Any, ...]]]:
+    """Yield first and last time, most frequent cause and records of each run of those that act."""
+    for acting, own in groupby(timed, key=lambda each: acts(each[1])):
+        if acting:
             times, part = zip(*own, strict=True)
-            ((cause, _),) = Counter(path.cause for path in part).most_common(1)
-            found.append(Slowdown(times[0], times[-1], cause, min(path.rate for path in part)))
-    return tuple(found)
+            ((cause, _),) = Counter(each.cause for each in part).most_common(1)
+            yield times[0], times[-1], cause, part
 
 
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
@@ -249,6 +281,7 @@ class Recording:
             or None where it is not known.
         path_time: (N) time s of the path [s]; None for a run without a governor.
         slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
+        infeasible: when contacts and motors could not give what the law asked for, and why.
         ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
             ``pinadapt.rollout.ringing``.
     """
@@ -282,6 +315,7 @@ class Recording:
     unadapted: float | None = None
     path_time: np.ndarray | None = None
     slowed: tuple[Slowdown, ...] = ()
+    infeasible: tuple[Shortfall, ...] = ()
     ringing: Ringing | None = None
 
     @cached_property

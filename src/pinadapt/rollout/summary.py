@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
@@ -20,7 +20,7 @@ from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
-from .recording import CLOSE, Recording, Ringing, Slowdown, extreme, window
+from .recording import CLOSE, Recording, Ringing, Shortfall, Slowdown, extreme, window
 
 Run = TypeVar("Run", bound=Recording)
 
@@ -70,6 +70,7 @@ def summary(run: Recording) -> Numbers:
             for at, what, worst, back in run.transients
         ],
         "slowed": [each._asdict() for each in run.slowed],
+        "infeasible": [each._asdict() for each in run.infeasible],
         "ringing": run.ringing and run.ringing._asdict(),
         "bridged": run.bridged._asdict(),
         "recorded": {name: getattr(run, name) for name in _KEPT},
@@ -201,6 +202,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
             ringing=None if ringing is None else Ringing(**ringing),
             bridged=Bridged(**numbers["bridged"]),
             slowed=tuple(Slowdown(**row) for row in numbers["slowed"]),
+            infeasible=tuple(Shortfall(**row) for row in numbers["infeasible"]),
             evaluation=None,
             task=_task(numbers, file["x"].shape[1]),
         )
@@ -257,11 +259,10 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     found = numbers["torque_prediction"]
     parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
     if run.slowed:
-        longest = max(run.slowed, key=lambda each: each.end - each.start)
-        parts.append(
-            f"path slowed {len(run.slowed)} times, longest from {short(longest.start)} to "
-            f"{short(longest.end)} s by {longest.cause}"
-        )
+        parts.append(f"path slowed {_longest(run.slowed)}")
+    if run.infeasible:
+        most = short(max(each.largest for each in run.infeasible))
+        parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
         shares = percent(found["share_last"]), percent(found["share_first"])
@@ -271,6 +272,13 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     if run.ringing is not None:
         parts.append(ringing_words(run.ringing, run.law))
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
+
+
+def _longest(episodes: Sequence[Slowdown | Shortfall]) -> str:
+    """Return how many times something happened, and when and why it did longest."""
+    longest = max(episodes, key=lambda each: each.end - each.start)
+    when = f"from {short(longest.start)} to {short(longest.end)} s"
+    return f"{len(episodes)} times, longest {when} by {longest.cause}"
 
 
 def _error(run: Recording, numbers: Numbers) -> str:

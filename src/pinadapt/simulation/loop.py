@@ -13,8 +13,15 @@ import numpy as np
 from .._checks import instance, mapping, positive, word
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
+from ..controller.limits import ABSURD
 from ..controller.state import ControllerState, Sample
-from ..exceptions import DivergedError, ImplausibleError, InputError, PinadaptError
+from ..exceptions import (
+    ContactError,
+    DivergedError,
+    ImplausibleError,
+    InputError,
+    PinadaptError,
+)
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
@@ -91,9 +98,6 @@ class Events:
         return state
 
 
-# Norm of the joint velocities beyond which a loop has diverged [rad/s or m/s]; half or twice, and
-# it ends a sample or two earlier or later.
-FASTEST = 1e4
 # Longest time [s] to bring an arm to rest, and speed [rad/s or m/s] below which it rests. Half or
 # twice: arms 20 % heavier than described rest in half a second whatever the time; by the speed they
 # rest up to 0.06 s later or sooner, planar_2r up to 0.3 s.
@@ -154,9 +158,9 @@ def run(
     given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
-        if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
+        if not truth.v.dot(truth.v) < ABSURD**2:  # also true for NaN
             _bring_to_rest(plant, controller, state, truth, dt)
-            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
+            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", truth.t)
         measurement = truth if sensors is None else sensors.measure(truth, given)
         if state is None:
             state = controller.init(measurement)
@@ -209,6 +213,9 @@ def ended(error: Exception, t: float) -> Exception:
     """
     if isinstance(error, ImplausibleError):
         return DivergedError(f"measurement '{error.field}' {error.flaw}.", t)
+    if isinstance(error, ContactError):
+        error.time = t
+        return error
     late = isinstance(error, InputError) and t > 0.0
     if late or isinstance(error, DivergedError | np.linalg.LinAlgError):
         return DivergedError(" ".join(str(error).split()), t)
@@ -314,8 +321,8 @@ class _Loop:
         """
         n = self._plant.nv
         v = y[n : 2 * n]
-        if not v.dot(v) < FASTEST**2:  # also true for NaN
-            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", now)
+        if not v.dot(v) < ABSURD**2:  # also true for NaN
+            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", now)
         self._q = self._plant.integrate(self._q, y[:n])
         state = self.state.with_flat(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)

@@ -29,7 +29,7 @@ from ..records import Sensors
 from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
-from ..rollout.recording import Evaluation, ringing_of, slowdowns
+from ..rollout.recording import Evaluation, ringing_of, shortfalls, slowdowns
 from ..rollout.rollout import Rollout
 from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike
@@ -368,5 +368,6 @@ def rollout_of(
         path_extent=extent,
         path_time=t - np.array(lags) if samples and len(lags) == len(samples) else None,
         slowed=slowdowns(samples),
+        infeasible=shortfalls(samples),
         ringing=ringing_of(t, tau, controller),
     )

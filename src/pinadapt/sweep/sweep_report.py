@@ -25,7 +25,6 @@ from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
-LEVEL = 0.95  # of all intervals, as usual
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
@@ -56,7 +55,7 @@ class Rate(NamedTuple):
         share = self.good / self.total if self.total else 0.0
         return (
             f"{self.good} of {self.total} ({percent(share, 3)}; "
-            f"{LEVEL:.0%} interval {percent(self.low, 3)} to {percent(self.high, 3)})"
+            f"95% interval {percent(self.low, 3)} to {percent(self.high, 3)})"
         )
 
 
@@ -67,7 +66,7 @@ def rate(which: np.ndarray) -> Rate:
         return Rate(0, 0, 0.0, 1.0)
     from scipy.stats import binomtest
 
-    found = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
+    found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, float(found.low), float(found.high))
 
 
@@ -98,7 +97,7 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
     from scipy.stats import quantile_test
 
     value = float(np.quantile(values, p, method="inverted_cdf"))
-    bounds = quantile_test(values, p=p).confidence_interval(LEVEL)  # NaN: too few cases
+    bounds = quantile_test(values, p=p).confidence_interval()  # NaN: too few cases
     low, high = np.where(np.isnan(bounds), [-np.inf, np.inf], bounds).tolist()
     return Percentile(p, value, low, high)
 
@@ -211,7 +210,7 @@ class SweepReport:
         tables, chosen = [], self.lost
         if self.results:
             rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
-            levels = (f"{p:.0%} ({LEVEL:.0%} interval)" for p in PERCENTILES)
+            levels = (f"{p:.0%} (95% interval)" for p in PERCENTILES)
             tables.append(Table(rows, ["result", *levels, ""], "Results"))
             tables.append(self._listed("Worst cases", self.worst, [self.main]))
             chosen = chosen or self.worst

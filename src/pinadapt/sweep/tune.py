@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._checks import optional, positive, whole
+from .._checks import LARGEST, optional, positive, whole
 from .._output import Record, Sheet, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
@@ -17,8 +17,6 @@ from .cases import Plan, Values
 from .execution import rows, work_of
 from .sweep_report import Rate, percentile, rate
 from .table import DONE, CaseTable, Row
-
-_PENALTY = 1e6  # objective where lost cases reach the percentile, times 1 + their share
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,7 @@ def _judged(gains: Record, table: CaseTable, column: str, share: float) -> Judge
     errors = np.where(lost | np.isnan(found), np.inf, found)
     value = percentile(errors, share).value
     if not math.isfinite(value):
-        value = _PENALTY * (1.0 + float(np.mean(np.isinf(errors))))
+        value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
     follows = table["follows"] if "follows" in table.names else ~lost
     return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
@@ -219,4 +217,4 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
 
 
 def _amount(value: float) -> str:
-    return "lost" if value >= _PENALTY else f"{value:.3g}"
+    return "lost" if value >= LARGEST else f"{value:.3g}"

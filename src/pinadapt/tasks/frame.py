@@ -326,6 +326,6 @@ def _position_task(name: str) -> FrameTask:
 
 TASKS: dict[str, FrameTask] = {
     **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
-    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(0, 6)),
+    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(6)),
 }
 """The tasks of a frame by name."""

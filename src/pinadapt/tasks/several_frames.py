@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ class FramesTask(Task):
 
     x are the positions of all frames, in the order of the frames, then, for poses, their
     quaternions xyzw in the same order; errors, velocities and accelerations are the linear rows of
-    all frames, then the angular ones. All rows count alike: no frame has priority over another.
+    all frames, then the angular ones. Frames have priority in their order, see ``RightInverse``.
 
     Attributes:
         frames: their names (k).
@@ -47,6 +48,12 @@ class FramesTask(Task):
     def positions(self) -> int:
         """The positions of all frames."""
         return len(self.frames) * self.part.positions
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """The place of each row's frame (m)."""
+        own = [np.full(self.part.size, float(k)) for k in range(len(self.frames))]
+        return self.joined(own)
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:

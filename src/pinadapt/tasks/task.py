@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,6 +72,11 @@ class Task(ABC):
     def coordinates(self) -> int:
         """Number of coordinates x: m, but 7 for a pose."""
         return self.size
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """The place of each row (m) in the order of priority, from 0, as floats; all alike here."""
+        return np.zeros(self.size)
 
     @property
     @abstractmethod

@@ -7,6 +7,7 @@ from copy import copy
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
@@ -18,7 +19,7 @@ from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle
 from .trajectory import Hold, Trajectory
 
-UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+UPRIGHT = tuple(pin.Quaternion.Identity().coeffs().tolist())
 
 
 class FixedOrientation(Hold):

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import InputError
-from ..records import Desired
+from ..records import Desired, Measurement
 from ..tasks.frame import rotation_between, turned
+from ..tasks.task import Task
 
-# Of a motion whose start is looked at: for how long [s], and at how many instants.
-_START, _LOOKS = 5.0, 250
+# [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
+LONGEST_RAMP, _LOOKS = 5.0, 250
 # Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
 # changes nothing for the motions of this package, which start at rest or at full speed.
 _RESTS = 1e-3
-_SHORTEST = 0.1  # [s], of a ramp; a motion faster than any arm's reaches it
 
 
 class Trajectory(ABC):
@@ -61,7 +61,7 @@ class Trajectory(ABC):
 
         Args:
             ramp: duration of the start [s]. None: 1.875 times the largest speed of the first five
-                seconds over their largest acceleration, but from 0.1 s to 5 s; then the rate, whose
+                seconds over their largest acceleration, but at most 5 s; then the rate, whose
                 slope is at most 1.875 / ramp, asks for no more acceleration than the motion.
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
@@ -70,7 +70,7 @@ class Trajectory(ABC):
         """
         if self.exact:
             return self
-        span = _START if duration is None else min(_START, duration)
+        span = LONGEST_RAMP if duration is None else min(LONGEST_RAMP, duration)
         looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
         speeds, rates = np.linalg.norm(looks, axis=2).T
         v, a = float(speeds.max()), float(rates.max())
@@ -79,7 +79,7 @@ class Trajectory(ABC):
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
-            ramp = _START if 1.875 * v > _START * a else max(1.875 * v / a, _SHORTEST)
+            ramp = LONGEST_RAMP if 1.875 * v > LONGEST_RAMP * a else 1.875 * v / a
         return Retimed(self, SmoothStart(ramp))
 
     def as_given(self) -> Trajectory:
@@ -211,6 +211,13 @@ class Hold(Trajectory):
         self._own = point is not None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
         self._rest = np.zeros(self.point.size)
+
+    @classmethod
+    def of(cls, task: Task, measurement: Measurement) -> Hold:
+        """Return the rest where a measurement has the robot, a pose with its six velocities."""
+        made = cls(task.measured(measurement.x, measurement.q))
+        made._rest = np.zeros(task.size)
+        return made
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""

@@ -135,13 +135,13 @@ def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
     return theta, LENGTH * deviation
 
 
-_PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
+_PUBLISHED = 29.6648  # [rad/s m^0.5], of Wang and Xie's arm: 20 rad/s at a reach of 2.2 m
 _LARGEST_STEP = 0.075  # bandwidth times sampling period; half: slow loops are half as fast
 
 
 def usual_bandwidth(robot: Robot, own: float | None = None) -> float:
     """Return the bandwidth [rad/s] at short periods: that of the law, None: by the reach."""
-    return _PUBLISHED * (_REACH / max(robot.reach, 1e-6)) ** 0.5 if own is None else own
+    return _PUBLISHED / max(robot.reach, 1e-6) ** 0.5 if own is None else own
 
 
 def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:
@@ -222,9 +222,13 @@ def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
-    """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
+    """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive.
+
+    Joints whose torques show no parameter count as noise: theirs are the largest, times 1e12.
+    """
     mean = mean_diagonal(adaptation, motion, motion.regressors)
-    return np.maximum(mean, 1e-12 * max(mean.max(initial=0.0), 1e-300))
+    largest = max(mean.max(initial=0.0), 1e-300)
+    return np.where(mean > 1e-12 * largest, mean, 1e12 * largest)
 
 
 def mean_diagonal(

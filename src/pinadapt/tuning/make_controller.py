@@ -14,7 +14,6 @@ from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.modifications import Leak
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
-from ..controller.estimator import Estimator
 from ..controller.governor import Governor
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.sensing import Senses, make_guards
@@ -142,13 +141,7 @@ def make_controller(
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
-    if (
-        adaptation is None
-        and kind == "natural"
-        and not robot.constraints
-        and chosen.remembers
-        and dynamics.per_body
-    ):
+    if adaptation is None and kind == "natural" and chosen.remembers and dynamics.per_body:
         kind = "natural-memory"
     w = bandwidth(robot, dt, chosen.own_bandwidth)
     motion = TypicalMotion(robot, kinematics, dynamics, w, applied.torque)
@@ -303,43 +296,3 @@ def _tuned(
         )
         tuned = tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
-
-
-def make_estimator(
-    robot: Robot,
-    *,
-    adaptation: str | Adaptation = "natural-memory",
-    unknown: Unknown | str | Sequence[str] | None = None,
-    dt: float = 1e-3,
-    limits: Limits | None = None,
-    **options: Any,
-) -> Estimator:
-    """Make an estimator of a robot's parameters, with the default rates of a controller.
-
-    Args:
-        robot: the nominal model; only read. With a task of the frame its measured position shows
-            unknown translations; with a joint task none is needed.
-        adaptation: one that predicts the torque, such as "natural-memory", "natural-composite" or
-            "least-squares", or an object.
-        unknown: what is estimated, as ``make_controller`` has it; by default friction and rotor
-            inertias of the joints too.
-        dt: typical time between samples [s].
-        limits: as ``make_controller`` has them; an estimator commands no torque, so that its bounds
-            do not matter.
-        options: others of ``make_controller`` that concern estimates: ``sensors``, ``payload``,
-            ``compensated``, ``kinematic_adaptation``, ``modifications`` and the rates.
-
-    Raises:
-        InputError: as ``make_controller``.
-        GainError: an adaptation that learns from tracking errors alone.
-    """
-    limits = Limits() if limits is None else instance(limits, Limits, "limits")
-    controller = make_controller(
-        robot,
-        adaptation=adaptation,
-        unknown=Unknown.of(unknown).with_joints(),
-        dt=dt,
-        limits=replace(limits, torque=False),
-        **options,
-    )
-    return Estimator(controller)

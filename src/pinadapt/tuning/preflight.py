@@ -31,15 +31,14 @@ from ..robot.motors import Actuators, JointActuators, overloaded
 from ..robot.workspace import rounded_down
 from .defaults import bandwidth, frequency, quiet_start, usual_bandwidth
 
-# by which loops may be faster than the model's; half: links lighter than described swing; twice:
-# default gains at long periods are half as large
-_MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
-_SLACK = 0.95  # of a share at the border of stability; 0.5: that share is halved
-_LEAST = 1e-6  # smallest share of a gain; any small one serves
-_STABLE = 1.0 + 1e-6  # rounding of the double roots of free directions; half, twice: the same
+# by which loops, and by which adaptations may be faster than the model's, and sensors worse than
+# declared; half: links lighter than described swing; twice: default gains at long periods are half
+# as large
+_MARGIN, _SMALL_MARGIN = 2.0, 1.5
+_LEAST = 1e-6  # smallest share of a gain, and rounding of double roots; half, twice: the same
+_STABLE = 1.0 + _LEAST
 # of a robot's bandwidth, from which on a period is to blame; half: found at twice the period
 _SLOWED = 0.25
-_WORSE = 1.5  # times the noise for which a controller was made; twice: found at twice the noise
 # of the inertia that a joint moves, where a description has no rotors; half: slower gains
 _ROTOR = 0.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
@@ -150,7 +149,7 @@ def sensor_findings(controller: Controller, quality: SensorQuality) -> list[Find
             ("the velocity noise", quality.v, made_for.v, "rad/s or m/s"),
             ("the noise of x", quality.x, made_for.x, "m"),
         )
-        if controller.motion is not None and given > _WORSE * own
+        if controller.motion is not None and given > _SMALL_MARGIN * own
     ]
 
 
@@ -185,10 +184,10 @@ def stable_share_of_feedback(
 
 
 def _stable_share(radius: Callable[[float], float]) -> float:
-    """Return the largest stable share with some slack; one if all is stable, or no share is."""
+    """Return the largest stable share; one if all is stable, or no share is."""
     if radius(1.0) <= _STABLE or radius(_LEAST) > _STABLE:
         return 1.0
-    return _SLACK * _largest(radius, 1.0)
+    return _largest(radius, 1.0)
 
 
 def _largest(radius: Callable[[float], float], start: float) -> float:
@@ -290,6 +289,7 @@ class LinearisedJoints:
         )
         self._A, self._B, motors = (np.array(part) for part in parts)
         self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
+        self._moved, self._period = self._A, math.nan  # transitions over the last period asked for
         if actuators.elastic and actuators.encoders == "link":
             self._C = np.zeros(motors.shape)
             self._C[:, :, -2 * n : -n] = np.eye(n)
@@ -316,7 +316,7 @@ class LinearisedJoints:
 
         ``factor`` multiplies S, which has its margin; S and E are those at the states.
         """
-        S = _ADAPTATION_MARGIN * factor * self._torque(S)
+        S = _SMALL_MARGIN * factor * self._torque(S)
         k = self._A.shape[1]
         Phi, Gamma = (part[:, :k] for part in self._held(dt))
         damped = Phi[..., :k] - Gamma @ (self._torque(E) @ self._C + self._fast)
@@ -331,11 +331,13 @@ class LinearisedJoints:
         from scipy.linalg import expm  # here, because scipy is slow to import
 
         N, n, k = self._C.shape
-        system = np.zeros((N, k + 2 * n, k + 2 * n))
-        system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
-        system[:, :k, k + n :] = self._B
-        moved = expm(dt * system)
-        return moved[:, : k + n, : k + n], moved[:, : k + n, k + n :]
+        if dt != self._period:
+            system = np.zeros((N, k + 2 * n, k + 2 * n))
+            system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
+            system[:, :k, k + n :] = self._B
+            self._moved, self._period = expm(dt * system), dt
+        moved = self._moved[:, : k + n]
+        return moved[..., : k + n], moved[..., k + n :]
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
         """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""

@@ -20,11 +20,14 @@ from ..adaptation.natural import (
 from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError
 from ..laws.law import Law
+from ..models.bodies import ALL, chosen_bodies
 from ..models.dynamics import Dynamics
+from ..models.joint_effects import JointEffects
+from ..models.linear_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from .defaults import (
     frequency,
     gradient_shape,
@@ -60,9 +63,6 @@ RATES = (
 # least thickness of the last body, as a share of the reach; it is above that of two robots of 129:
 # finger_edu and tiago_arm learn it a quarter or four times as fast with half or twice
 _THICKNESS = 1e-2
-# load that the last body may have, as a share of the robot's mass; half, twice: light last bodies
-# are learned half, twice as fast
-_LOAD = 0.1
 
 # of the bandwidth: forgetting of least squares, and decay of the kinematic prediction error; half:
 # drifting parameters are followed half as fast; twice: what a motion shows is lost within a turn
@@ -80,9 +80,6 @@ _WIDTH = 3.0
 # in 1 / bandwidth: encoder noise then adds as much information as the prior; half, twice: noisy
 # encoders count for more, for less
 _HORIZON = 2000.0
-
-# error of the translations, as a share of the reach; half: noisy frames move the tool less
-_PRIOR = 0.1
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -177,7 +174,7 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
-        shares = _shares(robot, dynamics, unit, _LOAD if kind in MEMORIES else 0.0)
+        shares = _shares(robot, dynamics, unit, LOAD if kind in MEMORIES else 0.0)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
@@ -321,10 +318,10 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
 
 def explains_all(motion: TypicalMotion) -> bool:
     """Return whether all bodies and the friction of all joints are among the parameters."""
-    joints = motion.robot.joint_names
-    friction = {f"{name}.{kind}" for name in joints for kind in ("viscous", "coulomb")}
-    dynamics = motion.dynamics
-    return friction.issubset(dynamics.names) and len(dynamics.bodies) == len(joints)
+    kinds, dynamics = ("viscous", "coulomb"), motion.dynamics
+    friction = set(JointEffects(motion.robot, kinds).names)
+    whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
+    return friction.issubset(dynamics.names) and whole
 
 
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
@@ -333,9 +330,9 @@ def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> 
     These have the standard deviation ``a`` [rad/s^2 or m/s^2].
     """
     regressor, rest, changes = motion.dynamics.regressor, np.zeros(motion.robot.model.nv), []
-    for q in motion.states.q:
+    for q, free in zip(motion.states.q, motion.free, strict=True):
         still = np.array(regressor(q, rest, rest))
-        changes += [regressor(q, rest, e) - still for e in np.eye(rest.size)]
+        changes += [free @ (regressor(q, rest, e) - still) for e in np.eye(rest.size)]
     return np.asarray(a**2 * rest.size * mean_diagonal(adaptation, motion, changes))
 
 
@@ -377,7 +374,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
     kinematics, size = motion.kinematics, motion.kinematics.size
-    unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
+    unit = (OFF * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors

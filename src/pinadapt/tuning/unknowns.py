@@ -58,7 +58,7 @@ Words = str | Sequence[str | Translation]
 class Unknown:
     """The unknown parameters of a robot, which are adapted; by default the tool and all bodies.
 
-    ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
+    ``make_controller``, ``Estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
     name is known then. The words are "tool", "base", "tracker", "geometry", "lengths", "bodies",
     "payload", "friction", "armature", "gear_friction", "asymmetry" and "offset".
@@ -293,7 +293,7 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    kinds = unknown.joint_kinds("none" if robot.constraints else joint)
+    kinds = unknown.joint_kinds(joint)
     stacked = bool(kinds) or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case

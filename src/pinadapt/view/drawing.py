@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 # From the palette of Okabe and Ito, which colour-blind readers can distinguish.
 TRUE, ESTIMATED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
+FORCE, CONE = 0xCC79A7, 0x56B4E9
 
 
 class Window:
@@ -72,9 +73,15 @@ class Window:
             return self.count, b"".join(framed)
 
 
-def solid(colour: int) -> MeshLambertMaterial:
-    """Return an opaque material."""
-    return MeshLambertMaterial(color=colour, emissive=colour, emissiveIntensity=0.35)
+def solid(colour: int, opacity: float = 1.0, **options: Any) -> MeshLambertMaterial:
+    """Return a material, opaque by default, with options of three.js."""
+    glow = {"emissive": colour, "emissiveIntensity": 0.35}
+    return MeshLambertMaterial(color=colour, opacity=opacity, **glow, **options)
+
+
+def overlay(opacity: float, colour: int) -> MeshLambertMaterial:
+    """Return a material that is seen through everything else."""
+    return solid(colour, opacity, transparent=True, depthTest=False)
 
 
 def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
@@ -83,11 +90,9 @@ def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
     About the same is within half a per cent of the picture's depth, 160 steps of its depth buffer.
     Without that, patches of a robot that is known to a millimetre would appear blue.
     """
-    return MeshLambertMaterial(
-        color=colour,
-        opacity=opacity,
-        emissive=colour,
-        emissiveIntensity=0.35,
+    return solid(
+        colour,
+        opacity,
         side=0,
         depthWrite=False,
         polygonOffset=True,
@@ -97,17 +102,18 @@ def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
 
 
 def rod(
-    start: np.ndarray, end: np.ndarray, radius: float
+    start: np.ndarray, end: np.ndarray, radius: float | np.ndarray
 ) -> tuple[np.ndarray, Rotation, np.ndarray]:
     """Return positions (F, 3), rotations (F) and scales (F, 3) of rods between points.
 
-    A unit cylinder, placed so, is a rod from ``start`` to ``end`` (F, 3) [m].
+    A unit cylinder, placed so, is a rod from ``start`` to ``end`` (F, 3) of a radius, one number or
+    (F, 1) [m].
     """
     lengths = np.maximum(np.linalg.norm(end - start, axis=1), 1e-9)
     x, y, z = (end - start).T / lengths
     # rotates the y axis, along which the cylinder lies, to (x, y, z)
     rotation = Rotation.from_quat(np.column_stack([z, 0.0 * x, -x, 1.0 + y + 1e-9]))
-    scale = np.full_like(end, radius)
+    scale = np.broadcast_to(radius, end.shape).copy()
     scale[:, 1] = lengths
     return 0.5 * (start + end), rotation, scale
 
@@ -204,14 +210,12 @@ class Keyframes:
             rotation: (F); None for none.
             scale: (F, 3); None for no scaling.
         """
-        tracks, first = {"position": position}, np.eye(4)
-        first[:3, 3] = position[0]
-        if rotation is not None:
-            tracks["quaternion"], first[:3, :3] = rotation.as_quat(), rotation[0].as_matrix()
-        if scale is not None:
-            tracks["scale"] = scale
-            first[:3, :3] *= scale[0]
+        turns = Rotation.identity(len(position)) if rotation is None else rotation
+        sizes = np.ones_like(position) if scale is None else scale
+        first = np.eye(4)
+        first[:3, :3], first[:3, 3] = turns[0].as_matrix() * sizes[0], position[0]
         node.set_transform(first)
+        tracks = {"position": position, "quaternion": turns.as_quat(), "scale": sizes}
         for name, values in tracks.items():
             if np.ptp(values, axis=0).max() < 1e-9:
                 continue

@@ -18,6 +18,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
+from .contacts import chosen_forces
 from .drawing import Window
 from .page import page
 from .scene import Scene
@@ -149,6 +150,7 @@ class LiveView:
             title: of the page.
         """
         self._started: float | None = None
+        self._controller = controller
         self._next = 0.0
         self._last: Sample | None = None
         self._end = "the run has ended"
@@ -192,7 +194,8 @@ class LiveView:
         if not (np.isfinite(q).all() and np.isfinite(a_k).all()):
             return
         assert sample.truth.x is not None  # perfect sensors see the task
-        moment = sample.t, q, sample.truth.x, sample.desired.x_d, a_k
+        forces = chosen_forces(self._controller, [sample])[0]
+        moment = sample.t, q, sample.truth.x, sample.desired.x_d, a_k, forces
         self._traced += [*self._scene.show(*(np.array([part]) for part in moment))]
         first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
         piece = np.array(self._traced[first:])

@@ -18,6 +18,7 @@ import numpy as np
 
 from .._checks import positive
 from .._output import write_text
+from .contacts import chosen_forces
 from .drawing import ghost
 from .scene import Scene
 
@@ -131,7 +132,8 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
     scene = Scene(robots, kinematics, t[line], q[line], x_d[line], t[frames])
-    scene.show(*(part[frames] for part in (t, q, x, x_d, a_k)))
+    forces = chosen_forces(run.controller, run.samples, frames)
+    scene.show(*(part[frames] for part in (t, q, x, x_d, a_k, forces)))
     if len(line) > 1:
         for node in scene.add_traces("true", scene.traced):
             scene.window.note(("reveal", node.path), reveal=node.path.lower())

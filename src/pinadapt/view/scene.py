@@ -15,10 +15,13 @@ from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.several_frames import FramesTask
+from .contacts import HIDDEN, DrawnContacts
 from .drawing import (
     BONES,
+    CONE,
     DESIRED,
     ESTIMATED,
+    FORCE,
     LOAD,
     TRUE,
     Keyframes,
@@ -26,6 +29,7 @@ from .drawing import (
     Window,
     draw_shapes,
     ghost,
+    overlay,
     rod,
     solid,
     tube,
@@ -131,7 +135,7 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     half = 0.5 * (high - low)
-    box = half + 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    box = half + 0.3 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
     found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
     return {name: part.tolist() for name, part in found.items()}
 
@@ -207,7 +211,8 @@ class Scene:
     The true robot, which may change during the run, has its own colours. The estimated robot is a
     translucent ghost, visible where it differs. Each has a ball at its tips, the task frames. The
     desired path is a wide translucent green one, with the path of the true tip in red inside; loads
-    are orange balls. All lengths are in the axes of the robot's base.
+    are orange balls. Contacts have friction cones, and spikes for the forces that the controller
+    chose. All lengths are in the axes of the robot's base.
 
     Attributes:
         window: that holds the messages.
@@ -248,7 +253,9 @@ class Scene:
         way = path.reshape(-1, 3)
         self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
-        self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
+        mark = overlay if true.contacts else ghost  # the trunk hides its frame
+        self._trace = overlay(1.0, TRUE) if true.contacts else solid(TRUE)
+        self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
@@ -257,10 +264,11 @@ class Scene:
             self._ghost.stick_figure(ghost())
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
+        self._contacts = DrawnContacts(self.root["contacts"], true, size)
         self._points = [self.root[_numbered("desired point", k)] for k in range(len(path))]
         for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
-            self.add_path(_numbered("desired", k), own, 0.012, ghost(0.4, DESIRED))
-            node.set_object(Sphere(0.034 * size), ghost(0.5, DESIRED))
+            self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, DESIRED))
+            node.set_object(Sphere(0.034 * size), mark(0.5, DESIRED))
         self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
 
     @property
@@ -271,10 +279,18 @@ class Scene:
             "estimated tip, and robot where it differs": ESTIMATED,
             "desired point and path": DESIRED,
         }
+        if self.robots.robots[0].contacts:
+            legend |= {"chosen contact force": FORCE, "friction cone": CONE}
         return legend | ({"load": LOAD} if any(r.loads for r in self.robots.robots) else {})
 
     def show(
-        self, t: np.ndarray, q: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
+        self,
+        t: np.ndarray,
+        q: np.ndarray,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        a_k: np.ndarray,
+        forces: np.ndarray,
     ) -> np.ndarray:
         """Move everything to F moments, note the curves, and return the true tips (F, k, 3) [m].
 
@@ -284,10 +300,12 @@ class Scene:
             x: (F, .) true task coordinates.
             x_d: (F, .) desired ones.
             a_k: (F, p) estimates.
+            forces: (F, c, 6) of the contacts, see ``chosen_forces``.
         """
         kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
+        self._contacts.place(motion.joints, forces, poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
         desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
@@ -295,7 +313,7 @@ class Scene:
         still = np.zeros((len(t), 3))
         for number in range(len(robots)):
             carrying = self.robots.index(t)[:, None] == number
-            scale = np.where(carrying, still + 1.0, 1e-4)  # a ball too small to be seen
+            scale = np.where(carrying, still + 1.0, HIDDEN)
             for node in self._solid.loads(number).values():
                 poses.move(node, still, None, scale)
         for moment, *values in zip(
@@ -328,7 +346,7 @@ class Scene:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
         names = [_numbered(name, k) for k in range(tips.shape[1])]
         for own, path in zip(names, tips.swapaxes(0, 1), strict=True):
-            self.add_path(own, path, 0.005, solid(TRUE))
+            self.add_path(own, path, 0.005, self._trace)
         return [self.root["paths"][own] for own in names]
 
     def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:

@@ -14,16 +14,18 @@ import numpy as np
 
 from .._checks import whole
 from .._output import Record
+from ..controller.controller import PERIOD
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
 from ..exceptions import PinadaptError
 from ..laws import DEFAULT
+from ..models.bodies import UNCERTAINTY
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Friction, Payload
 from ..robot.loading import load
 from ..robot.motors import overloaded
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
 from ..rollout.recording import extreme
@@ -42,10 +44,6 @@ from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 
-# The case: half or twice of these is an easier or a harder one, and another table of results.
-PERIOD = 1e-3  # [s], sampling period of the controller
-INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
-LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 # [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: less time to converge
 LEAST_DURATION = 30.0
 
@@ -118,7 +116,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         payload=Payload(mass=min(LOAD * sum(bodies), bodies[-1]), com=tool),
         friction=Friction(viscous, coulomb),
     )
-    factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
+    factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], robot.model.nv)
     estimated = robot.changed(
         inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True))
     )

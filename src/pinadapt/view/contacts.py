@@ -1,0 +1,86 @@
+"""What is drawn of the contacts of a robot that stands: friction cones, soles, chosen forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from meshcat.geometry import Box, Cylinder
+from scipy.spatial.transform import Rotation
+
+from ..controller.controller import Controller
+from ..controller.state import Sample
+from ..description.chain import frame_id
+from ..exceptions import ImplausibleError
+from ..robot.robot import Robot
+from .drawing import CONE, FORCE, Keyframes, Node, overlay, rod
+
+HIDDEN = 1e-4  # scale of what is too small to be seen; half or twice: neither is
+
+
+def chosen_forces(
+    controller: Controller, samples: Sequence[Sample], frames: Iterable[int] = (0,)
+) -> np.ndarray:
+    """Return the forces and torques (N, c, 6) that a controller chose, see ``contact_forces``.
+
+    Zero at a sample that it had to bridge, and at one without a torque, whose state is not its own.
+
+    Args:
+        controller: the controller.
+        samples: N of them; for none the row of one is returned.
+        frames: those that are asked for; the others are zero.
+    """
+    found = np.zeros((max(len(samples), 1), len(controller.kinematics.robot.contacts), 6))
+    for k in frames if samples and found.size else ():
+        s = samples[k]
+        if np.isfinite(s.torque).all():
+            with suppress(ImplausibleError):
+                found[k] = controller.contact_forces(s.state, s.measurement, s.desired)
+    return found
+
+
+class DrawnContacts:
+    """The contacts in the scene, below one node; the weight is as long as half of the picture."""
+
+    def __init__(self, node: Node, robot: Robot, size: float) -> None:
+        """Draw soles, friction cones, and spikes for the forces.
+
+        Args:
+            node: root of the contacts.
+            robot: that stands on them.
+            size: half of the picture [m].
+        """
+        self._size = size
+        weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
+        self._length = size / max(weight, 1e-9)
+        self._drawn = list[Any]()
+        for contact in robot.contacts:
+            own = node[contact.frame]
+            frame = robot.model.frames[frame_id(robot.model, contact.frame)]
+            own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, CONE))
+            own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, FORCE))
+            if contact.sole is not None:
+                length, width = contact.sole
+                own["sole"].set_object(Box([2 * length, 2 * width, 0.01]), overlay(0.5, CONE))
+            self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
+
+    def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
+        """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
+        for (contact, node, joint, place), force in zip(
+            self._drawn, forces.swapaxes(0, 1), strict=True
+        ):
+            moved = joints[:, joint] @ place
+            at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
+            normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
+            if contact.sole is not None:
+                normal = moved[:, :3, 2]
+                poses.move(node["sole"], at, Rotation.from_matrix(moved[:, :3, :3]))
+            bears = (f * normal).sum(axis=1, keepdims=True)
+            size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
+            pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
+            high = 0.25 * size
+            top = pressed + high * normal
+            poses.move(node["cone"], *rod(pressed, top, contact.friction * high))
+            poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))

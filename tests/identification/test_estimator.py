@@ -1,0 +1,245 @@
+"""The estimator is ``identify`` sample by sample: rows, robots, loads that come and go, pushes."""
+
+from itertools import islice
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.interpolate import CubicSpline
+
+import pinadapt as pa
+from benchmarks.standing import Sway
+from pinadapt.identification.fits import Windows
+from pinadapt.identification.logged_motion import motion_of_log
+from pinadapt.information.measured_motion import Averages
+from pinadapt.tuning.unknowns import nominal_dynamics
+from tests.constraints.test_loops import five_bar, gripper
+from tests.constraints.test_standing import standing
+from tests.support.chains import catalogue_robot
+from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
+
+OTHER = pa.Payload(0.8, (0.0, 0.03, 0.08), (0.001, 0.0, 0.001, 0.0, 0.0, 0.001))
+
+
+def run(estimator, t, q, v, tau, state=None, **options):
+    """Return the states along a motion."""
+    states = [] if state is None else [state]
+    for sample in zip(t, q, v, tau, strict=True):
+        one = pa.Measurement(float(sample[0]), *sample[1:3], tau=sample[3])
+        states.append(estimator.step(states[-1], one) if states else estimator.init(one, **options))
+    return states
+
+
+def signals(loads, duration, dt=4e-3, name="panda", noise=5e-3):
+    """Return a motion during which loads change at times [s]; friction is not as described."""
+    t, q, v, a = motion(name, duration=duration, dt=dt, seed=3)
+    robot = catalogue_robot(name).changed(viscous=0.5, coulomb=0.8)
+    tau = np.zeros(q.shape)
+    for (since, load), until in zip(loads.items(), [*list(loads)[1:], np.inf], strict=True):
+        part = (t >= since) & (t < until)
+        true = robot if load is None else robot.changed(payload=load)
+        tau[part] = torques(true, q[part], v[part], a[part])
+    limits = robot.model.effortLimit
+    return t, q, v, tau + noise * limits * np.random.default_rng(0).standard_normal(q.shape)
+
+
+def found_load(estimator, state, load):
+    """Return by how many of its deviations each number of an estimated load is off."""
+    value, known = estimator.estimate(state).load.numbers
+    true = np.concatenate([[load.mass], load.com, load.inertia])
+    return (value - true) / known
+
+
+def test_the_rows_are_those_of_identify():
+    log, robot = recorded("ur5", duration=2.0, dt=2e-3), catalogue_robot("ur5")
+    estimator = pa.Estimator(robot, pa.Unknown(friction=True), period=2e-3, held=False)
+    found = []
+    estimator._judged = lambda state, window: (found.append(window), state)[1]
+    moved = motion_of_log(robot, log)
+    run(estimator, *moved[:3], moved.tau)
+    own = Windows.of(moved, Averages(moved.t, 2e-3), estimator.dynamics)
+    assert len(found) >= len(own.t) - 1 > 20
+    for k, one in enumerate(found):
+        assert np.allclose(one.W, own.W[k], atol=1e-10)
+        assert np.allclose(one.y, own.y[k], atol=1e-10)
+
+
+def test_loads_that_come_and_go_are_found_within_a_second():
+    loads = {0.0: None, 5.0: LOAD, 8.0: None, 10.0: OTHER}
+    estimator = pa.Estimator(catalogue_robot("panda"), "payload", period=4e-3, held=False)
+    states = run(estimator, *signals(loads, 13.0))
+    for since, load in list(loads.items())[1:]:
+        now = next(state for state in states if state.t >= since + 1.0)
+        got = estimator.estimate(now).load
+        mass = 0.0 if load is None else load.mass
+        assert abs(got.mass - mass) < 0.03 * max(mass, 1.0), since
+    last = estimator.estimate(states[-1])
+    assert last.load.mass == pytest.approx(OTHER.mass, rel=0.01) and not last.advice
+    assert np.abs(found_load(estimator, states[-1], OTHER)).max() < 4.0
+    assert str(last).startswith("load 0.")
+
+
+@pytest.mark.parametrize("direction", [(40.0, 0.0, 0.0), (0.0, 0.0, -40.0)])
+def test_a_push_is_not_a_load(direction):
+    robot = catalogue_robot("panda")
+    t, q, v, tau = signals({0.0: None}, 7.0)
+    data = robot.model.createData()
+    for k in np.flatnonzero((t > 4.0) & (t < 4.5)):
+        J = pin.computeFrameJacobian(
+            robot.model, data, q[k], robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+        )
+        tau[k] -= J[:3].T @ direction
+    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
+    states = run(estimator, t, q, v, tau)
+    assert max(len(state.aside) for state in states) > 5  # it was seen
+    assert states[-1].accepted[0] == states[-1].accepted[1]
+    assert abs(estimator.estimate(states[-1]).load.mass) < 0.02
+
+
+def test_an_announced_load_is_the_difference_to_an_arm_of_which_nothing_is_known():
+    estimator = pa.Estimator(catalogue_robot("panda"), period=4e-3, held=False)
+    t, q, v, tau = signals({0.0: None, 8.0: LOAD}, 11.0)
+    first = t < 8.0
+    parts = [part[first] for part in (t, q, v, tau)]
+    empty = run(estimator, *parts, payload=pa.Payload(0.0))[-1]
+    assert estimator.estimate(empty).load is None and "no load" in str(estimator.estimate(empty))
+    taken = estimator.announce(empty, pa.Payload(1.0))
+    last = run(estimator, *(part[~first] for part in (t, q, v, tau)), state=taken)[-1]
+    load = estimator.estimate(last).load
+    assert load.mass == pytest.approx(LOAD.mass, abs=3.0 * load.mass_known_to)
+    assert load.mass_known_to < 0.03 and np.allclose(load.com, LOAD.com, atol=0.01)
+
+
+def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
+    log, robot = recorded("panda", noisy=True, duration=12.0, dt=4e-3), catalogue_robot("panda")
+    estimator = pa.Estimator(robot, period=4e-3, held=False, smooth=True)
+    state = run(estimator, log.t, log.configurations(robot), log.v, log.tau)[-1]
+    found = estimator.estimate(state)
+    _, q, v, a = motion("panda", duration=4.0, dt=8e-3, seed=5)
+    true = torques(true_robot("panda"), q, v, a)
+    data = found.model.createData()
+    frictions = [
+        found.robot.friction.under(pin.computeGeneralizedGravity(found.model, data, q_k))
+        for q_k in q
+    ]
+    own = [pin.rnea(found.model, data, *one) for one in zip(q, v, a, strict=True)]
+    own += np.array([one.torque(v_k) for one, v_k in zip(frictions, v, strict=True)])
+    before, after = (
+        np.sqrt(np.mean((each - true) ** 2)) for each in (torques(robot, q, v, a), own)
+    )
+    assert after < 0.1 * before
+    found.save(tmp_path / "found.urdf")
+    again = pa.load(tmp_path / "found.urdf", frame=robot.frame)
+    assert np.allclose(again.model.inertias[7].mass, found.model.inertias[7].mass)
+    model = mujoco.MjModel.from_xml_string(robot.mjcf())
+    found.write(model)
+    mujoco.mj_setConst(model, data := mujoco.MjData(model))
+    data.qpos[:], data.qvel[:] = q[0], 0.0
+    mujoco.mj_forward(model, data)
+    gravity = pin.computeGeneralizedGravity(found.model, found.model.createData(), q[0])
+    assert np.allclose(data.qfrc_bias, gravity, atol=1e-8)
+
+
+def test_steps_are_pure_and_refuse_what_is_no_measurement():
+    estimator = pa.Estimator(catalogue_robot("panda"), period=4e-3, held=False)
+    parts = signals({0.0: LOAD}, 2.0)
+    states = run(estimator, *parts)
+    k = len(states) // 2
+    again = run(estimator, *(part[k + 1 :] for part in parts), state=states[k])[-1]
+    assert all((a == b).all() for a, b in zip(again.products, states[-1].products, strict=True))
+    assert (again.sums == states[-1].sums).all() and again.accepted[0] > 10
+    sample = pa.Measurement(3.0, parts[1][0], parts[2][0], tau=parts[3][0])
+    for name in ("q", "v", "tau"):
+        for wrong in (np.full(7, np.nan), np.zeros(3), None):
+            with pytest.raises(pa.MeasurementError, match=name):
+                estimator.step(states[-1], sample._replace(**{name: wrong}))
+    with pytest.raises(pa.ImplausibleError, match="not after"):
+        estimator.step(states[-1], sample._replace(t=0.5))
+    assert estimator.step(states[-1], sample).t == 3.0
+
+
+def test_too_little_motion_says_which_joint_to_shake():
+    robot = catalogue_robot("panda")
+    t, q, v, tau = signals({0.0: LOAD}, 1.5)
+    estimator = pa.Estimator(robot, period=4e-3, held=False)
+    rest = np.broadcast_to(q[:1], q.shape)
+    still = run(estimator, t, rest, 0.0 * v, 0.0 * tau + tau[0])[-1]
+    assert still.accepted == (0, 0, 0)
+    advice = estimator.estimate(still).advice
+    assert advice.startswith("not enough motion yet: shake panda_joint")
+
+
+@pytest.mark.slow
+def test_a_load_on_a_robot_that_stands_is_found_whatever_the_ground_does():
+    robot, load = standing("a1"), pa.Payload(5.0, (0.05, 0.02, 0.08))
+    controller = pa.make_controller(
+        robot, unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
+    )
+    plant = pa.plants.MujocoPlant(robot.changed(payload=load))
+    estimator, state, torque = pa.Estimator(robot, "payload"), None, np.zeros(robot.model.nv)
+    for sample in islice(pa.run(plant, controller, Sway(robot), dt=1e-3), 2500):
+        one = sample.measurement._replace(tau=torque)
+        state = estimator.init(one) if state is None else estimator.step(state, one)
+        torque = sample.torque
+    found = estimator.estimate(state).load
+    assert found.mass == pytest.approx(load.mass, rel=0.03)
+    assert np.allclose(found.com, load.com, atol=0.01)
+
+
+def test_a_finger_that_follows_another_needs_no_torque_of_its_own():
+    robot, rng = gripper(), np.random.default_rng(0)
+    true, data = robot.changed(payload=OTHER), robot.model.createData()
+    t, follows = np.arange(0.0, 4.0, 4e-3), np.vstack([np.eye(8), np.eye(8)[-1]])
+    height = np.array([*np.full(7, 0.3), 0.01])
+    w, phase = rng.uniform(2.0, 6.0, (2, 8))
+    waves = height * np.exp(1j * (t[:, None] * w + phase))
+    home = robot.q0[:8]
+    q, v, a = (
+        part @ follows.T for part in (home + waves.imag, w * waves.real, -(w**2) * waves.imag)
+    )
+    tau = np.array([pin.rnea(true.model, data, *one) for one in zip(q, v, a, strict=True)])
+    tau[:, 7] += tau[:, 8]  # through the constraint
+    tau[:, 8] = 0.0
+    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
+    found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
+    assert found.mass == pytest.approx(OTHER.mass, rel=0.02)
+    assert np.allclose(found.com, OTHER.com, atol=5e-3)
+
+
+def test_a_real_log_is_predicted_as_well_as_by_identify():
+    robot = pa.load("panda", task="joint")
+    log = pa.read_log(Path("tests/data/panda_unisa.csv").resolve(), robot)
+    moved = motion_of_log(robot, log)
+    split = moved.t[0] + 0.75 * (moved.t[-1] - moved.t[0])
+    estimator = pa.Estimator(robot, period=log.period, held=False, smooth=True)
+    part = log.t < split
+    rows = (log.t[part], log.q[part], log.v[part], log.tau[part])
+    found = estimator.estimate(run(estimator, *rows)[-1])
+    errors = []
+    for each in (robot, found.robot):
+        nothing = pa.Unknown(bodies="none", friction=False, armature=False)
+        dynamics = nominal_dynamics(each, nothing, ())
+        windows = Windows.of(moved, Averages(moved.t, log.period), dynamics)
+        errors.append(np.sqrt(np.mean(windows.between(split, np.inf).y ** 2)))
+    assert errors[0] > 1.0 and errors[1] < 1.3 * 0.134  # that of identify
+
+
+def test_whatever_force_closes_a_loop_drops_out():
+    robot = five_bar()
+    true, data = robot.changed(payload=OTHER), robot.model.createData()
+    t, home = np.arange(0.0, 4.0, 4e-3), robot.position(robot.q0)
+    swing = 0.3 * np.sin(np.outer(t, [4.0, 6.0]))
+    path, q = [], robot.q0
+    for x in home + swing:
+        q = robot.at(q).configuration(x)
+        path.append(q)
+    curve = CubicSpline(t, np.array(path))
+    q, v, a = (curve(t, k) for k in range(3))
+    tau = np.array([pin.rnea(true.model, data, *one) for one in zip(q, v, a, strict=True)])
+    for k, force in enumerate(50.0 * np.cos(np.outer(t, [3.0, 5.0]))):
+        tau[k] += force @ robot.constrained.at(q[k], v[k])[0]
+    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
+    found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
+    assert found.mass == pytest.approx(OTHER.mass, rel=5e-3)
