@@ -345,7 +345,7 @@ class Estimator:
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
         # under constraints fewer equations than joints are independent
-        free = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
+        free, _ = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
@@ -356,7 +356,7 @@ class Estimator:
         """Return the state at the first sample.
 
         Args:
-            measurement: with q, v and tau.
+            measurement: with q and v; with tau too if it is that of the instant.
             payload: what is carried, see ``announce``; None: unknown.
 
         Raises:
@@ -364,6 +364,8 @@ class Estimator:
             RobotError: an impossible load.
         """
         sums = np.zeros((OVERLAP, self.robot.model.nv, self._columns + 3))
+        if self._held and measurement.tau is None:
+            measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
         nothing = EstimatorState((), first.t, sums, None, load=self._usual, **self._nothing)
         state = self._with(nothing, first)
@@ -484,7 +486,7 @@ class Estimator:
         fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
         columns = np.arange(size, self._columns).reshape(self._dry.shape)
         F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
-        N = robot.constrained.free(q, v) if robot.constraints else 1.0
+        N = robot.constrained.free(q, v)[0] if robot.constraints else 1.0
         before, projection = (t, N) if last is None else (last.t, last.N[1])
         return _Rows(t, before, (projection, N), M, F)
 
