@@ -105,13 +105,14 @@ class FrameFit:
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
         p = len(self.start)
         r = e - X.dot(value[:p]) - value[p:]
-        size, bound = math.sqrt(r.dot(r)), CERTAIN * self.deviation
+        size, bound = math.hypot(*r), CERTAIN * self.deviation
         if size > bound or moved > _FRAME:
             X = np.hstack([X, np.eye(len(e))])
         if size > bound:
             S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
             S += self.deviation**2 * np.eye(len(e))
-            bound = CERTAIN * size / math.sqrt(r @ np.linalg.solve(S, r))
+            way = r / size
+            bound = CERTAIN / math.sqrt(way @ np.linalg.solve(S, way))
         if size <= bound and moved > _FRAME:
             rows = np.column_stack([X, e]) / self.deviation
             sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
