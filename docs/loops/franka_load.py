@@ -40,8 +40,10 @@ def move(arm, estimator, state, duration: float = 6.0):
 
 def run(address: str, urdf: str):
     """Return the load, and the errors before and after it was set."""
-    robot = pa.load(urdf, frame="link8", q0=[0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
     arm = franka.Robot(address, franka.RealtimeConfig.kIgnore)
+    seen = arm.read_once()
+    hand = pa.Payload(seen.m_ee, seen.F_x_Cee, np.array(seen.I_ee)[[0, 1, 4, 2, 5, 8]])
+    robot = pa.load(urdf, frame="link8", q0=seen.q).changed(payload=hand)
     estimator = pa.Estimator(robot, unknown="payload", period=1e-3)
     state, before = move(arm, estimator, None)
     load = estimator.estimate(state).load

@@ -22,6 +22,7 @@ class LoadNode(Node):
     """Feeds an estimator with joint states."""
 
     def __init__(self, urdf: str, period: float = 0.01) -> None:
+        """Load the robot and subscribe; ``period`` is that of the joint states [s]."""
         super().__init__("load")
         self.robot = pa.load(urdf)
         self.estimator = pa.Estimator(self.robot, unknown="payload", period=period)
