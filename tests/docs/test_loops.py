@@ -1,0 +1,111 @@
+"""Examples of other people's loops: with a model that learns the load they err less."""
+
+import importlib.util
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from tests.support.paths import ROOT
+
+
+def example(name):
+    """Return an example as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "loops" / f"{name}.py")
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "needs", "duration", "share"),
+    [
+        ("pink_gravity", "pink", 1.0, 0.3),
+        ("learning_policy", "pinadapt", 1.5, 0.1),
+        ("quadruped_qp", "qpsolvers", 1.0, 0.05),
+        ("mujoco_sampling", "mujoco", 1.9, 0.1),
+    ],
+)
+def test_a_learned_model_errs_less(name, needs, duration, share):
+    pytest.importorskip(needs)
+    run = example(name).run
+    without, learned = (run(learn, duration)[-1] for learn in (False, True))
+    assert learned < share * without
+
+
+@pytest.mark.slow
+def test_a_franka_is_told_its_load(tmp_path):
+    pytest.importorskip("pylibfranka")
+    urdf = pytest.importorskip("franky_sim.urdf").FR3_URDF
+    from tests.support.franka_server import MASS, Franka
+
+    (tmp_path / "fr3.urdf").write_text(urdf)
+    server = Franka("127.0.0.1")
+    try:
+        load, before, after = example("franka_load").run(server.address, tmp_path / "fr3.urdf")
+    finally:
+        server.close()
+    assert MASS < load.mass < 1.5 * MASS  # links of the server's arm are not those of its URDF
+    assert after[3000:].max() < 0.9 * before[3000:].max()
+
+
+def test_a_node_publishes_the_load(monkeypatch):
+    published = []
+
+    class Node:
+        def __init__(self, name):
+            self.timers = []
+
+        def create_publisher(self, kind, topic, depth):
+            return SimpleNamespace(publish=published.append)
+
+        def create_subscription(self, kind, topic, callback, depth):
+            assert (kind.__name__, topic) == ("JointState", "/joint_states")
+
+        def create_timer(self, period, callback):
+            self.timers.append(callback)
+
+        def get_logger(self):
+            return SimpleNamespace(warning=published.append)
+
+    class Inertia(SimpleNamespace):
+        def __init__(self):
+            super().__init__(
+                header=SimpleNamespace(), inertia=SimpleNamespace(com=SimpleNamespace())
+            )
+
+    kinds = {"rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs": {}, "geometry_msgs": {}}
+    kinds["sensor_msgs.msg"] = {"JointState": type("JointState", (), {})}
+    kinds["geometry_msgs.msg"] = {"InertiaStamped": Inertia}
+    for name, things in kinds.items():
+        module = ModuleType(name)
+        vars(module).update(things)
+        monkeypatch.setitem(sys.modules, name, module)
+    robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0], task="joint")
+    monkeypatch.setattr(pa, "load", lambda urdf: robot)
+    node = example("ros2_load").LoadNode("arm.urdf")
+    plant = pa.plants.PinocchioPlant(robot.changed(payload=pa.Payload(1.0)))
+    plant.reset()
+    torque = np.zeros(2)
+    for k in range(400):
+        m, order = plant.measure(), [1, 0]
+        stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
+        node.heard(
+            SimpleNamespace(
+                header=SimpleNamespace(stamp=stamp),
+                name=[robot.joint_names[j] for j in order],
+                position=m.q[order],
+                velocity=m.v[order],
+                effort=torque[order],
+            )
+        )
+        target = robot.q0 + 0.3 * np.sin(np.array([2.0, 3.0]) * k * 0.01)
+        torque = 50.0 * (target - m.q) - 8.0 * m.v
+        plant.step(torque, 0.01)
+    node.timers[0]()
+    (message,) = published
+    assert message.header.frame_id == robot.frame
+    assert message.inertia.m == pytest.approx(1.0, abs=0.05)
