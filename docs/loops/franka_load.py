@@ -16,15 +16,14 @@ SWING = np.array([0.1, 0.1, 0.1, 0.15, 0.2, 0.2, 0.2])  # [rad]
 
 
 def move(arm, estimator, state, duration: float = 6.0):
-    """Swing all joints, and return the estimator's state and the largest joint errors (N) [rad]."""
+    """Swing all joints; return state and largest errors (N) [rad]. The robot adds gravity."""
     control, errors = arm.start_torque_control(), []
     seen, _ = control.readOnce()
-    start, home, rates = seen.time.to_sec(), np.array(seen.q), np.arange(1.5, 5.0, 0.5)  # [rad/s]
+    start, home, rates = seen.time.to_sec(), np.array(seen.q), np.arange(1.5, 5.0, 0.5)
     while (t := seen.time.to_sec() - start) < duration:
         target = home + SWING * np.sin(rates * t) * min(t, 1.0)
         error = target - np.array(seen.q)
         rate = SWING * rates * np.cos(rates * t) * min(t, 1.0) - np.array(seen.dq)
-        # the robot adds gravity, with the load that is set
         control.writeOnce(franka.Torques((STIFFNESS * error + 0.1 * STIFFNESS * rate).tolist()))
         errors.append(np.abs(error).max())
         seen, _ = control.readOnce()

@@ -1,8 +1,7 @@
 """A ROS 2 node that publishes the load of an arm: ``python ros2_load.py my_robot.urdf``.
 
 It reads /joint_states with efforts in N m, and publishes ``InertiaStamped`` on /load ten times a
-second, in the axes of the task frame. UNTESTED with ROS itself: run against a stand-in with the
-same calls.
+second, in the axes of the task frame. UNTESTED with ROS itself: run against a stand-in.
 """
 
 import sys
@@ -24,9 +23,8 @@ class LoadNode(Node):
     def __init__(self, urdf: str, period: float = 0.01) -> None:
         """Load the robot and subscribe; ``period`` is that of the joint states [s]."""
         super().__init__("load")
-        self.robot = pa.load(urdf)
+        self.robot, self.state = pa.load(urdf), None
         self.estimator = pa.Estimator(self.robot, unknown="payload", period=period)
-        self.state = None
         self.publisher = self.create_publisher(InertiaStamped, "/load", 1)
         self.create_subscription(JointState, "/joint_states", self.heard, 100)
         self.create_timer(0.1, self.publish)
@@ -42,7 +40,7 @@ class LoadNode(Node):
                 self.state = self.estimator.init(sample)
             else:
                 self.state = self.estimator.step(self.state, sample)
-        except MeasurementError as error:  # the state is as good as before
+        except MeasurementError as error:
             self.get_logger().warning(str(error))
 
     def publish(self) -> None:
