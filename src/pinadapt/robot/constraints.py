@@ -454,8 +454,10 @@ class Constraints:
         old = np.where(np.isnan(before), x, before) if len(before) else x
         if stands is not None:
             old = np.where(stands[:, None], old, np.nan)
-        moved = np.nan_to_num(np.linalg.norm(x - old, axis=1))
-        return old + (x - old) * (dt / _FORGOTTEN), moved
+        way = x - old
+        moved = np.sqrt((way * way).sum(axis=1))
+        moved[np.isnan(moved)] = 0.0
+        return old + way * (dt / _FORGOTTEN), moved
 
     def axes(self, contact: Contact) -> np.ndarray:
         """Return the axes (3, 3) of a contact in the world, of the last ``at``."""
