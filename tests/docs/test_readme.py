@@ -8,7 +8,7 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
-LINES, STANDING = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+LINES, STANDING, LOAD = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
 
 
 def executed(lines):
@@ -34,3 +34,9 @@ def test_a_robot_stands_and_crawls(capsys):
     scope = executed(lines)
     assert scope["true"].mass == pytest.approx(scope["robot"].mass + 6.0)
     assert "follows" in capsys.readouterr().out
+
+
+def test_only_the_load(capsys):
+    """The third block follows the first one's imports and robot; nothing has moved yet."""
+    executed("\n".join([*LINES.splitlines()[:4], LOAD]))
+    assert "load" in capsys.readouterr().out
