@@ -84,6 +84,11 @@ class Task(ABC):
         """Number m_p of position rows, which come first; unknown translations affect these only."""
 
     @property
+    def lengths(self) -> int:
+        """Number of rows in metres, which come first: the positions, or a centre of mass."""
+        return self.positions
+
+    @property
     @abstractmethod
     def groups(self) -> tuple[RowGroup, ...]:
         """The rows by unit; the verdict on a run is about the first group."""
