@@ -289,11 +289,11 @@ class ComTask(PoseTask):
 
     Attributes:
         model: the robot as it was loaded; of a recording None.
-        frame: index of the task frame in it.
+        frame: index of the task frame in ``model``.
     """
 
     model: pin.Model | None = field(default=None, compare=False, repr=False)
-    frame: int = 0
+    frame: int = field(default=0, compare=False)
 
     @property
     def positions(self) -> int:

@@ -106,7 +106,9 @@ class Task(ABC):
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that follow from q (nq) alone."""
         if x is None:
-            raise InputError("is missing; only a joint task does without it.", where="x")
+            raise InputError(
+                "is missing; only the tasks 'joint' and 'com' do without it.", where="x"
+            )
         return x
 
     def position(self, x: np.ndarray) -> np.ndarray:
