@@ -135,7 +135,7 @@ def test_one_name_in_files_settings_and_python(tmp_path, capsys):
     ("source", "options", "message"),
     [
         ("panda", {}, "free base"),
-        ("a1", {"base": "free", "frames": ["base", "FL_foot"]}, "not by the task 'com'"),
+        ("a1", {"base": "free", "frames": ["base", "FL_foot"]}, "or the centre of mass"),
     ],
 )
 def test_what_has_no_such_task_is_refused(source, options, message):

@@ -150,7 +150,8 @@ def load(
     idle = tuple(name_list(passive, "passive", RobotError))
     if others and task in (JOINT, COM):
         raise RobotError(
-            f"several frames are controlled by their positions or poses, not by the task '{task}'.",
+            "several frames are controlled by their positions or poses, not by the joints or the "
+            "centre of mass.",
             where="frames",
         )
     if task == COM and not free:
