@@ -68,6 +68,28 @@ def test_a_load_does_not_move_x_which_nobody_measures():
     assert np.array_equal(torque, again) and torque[6:].any()
 
 
+@pytest.mark.parametrize("name", ["a1", pytest.param("talos", marks=pytest.mark.slow)])
+def test_the_reference_acceleration_is_the_derivative_of_the_reference(name):
+    """On which dV/dt as an equality rests; the loop below is too slow to show it."""
+    robot, h = standing(name, task="com"), 1e-5
+    controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=False))
+    v, path = np.random.default_rng(1).uniform(-0.5, 0.5, robot.model.nv), Sway(robot)
+
+    def sample(by):
+        measurement = pa.Measurement(0.0, robot.q0 + by * v, v)
+        return controller.init(measurement), measurement, path.at(0.4 + by)
+
+    before, now, after = (
+        v - controller.law._reference_error(controller.observe(*sample(by))) for by in (-h, 0.0, h)
+    )
+    A, _ = robot.constrained.at(robot.q0, v)
+    assert np.abs(now).max() > 0.05 and np.abs(A @ now).max() < 1e-9
+    _, command = controller.command(*sample(0.0))
+    given = robot.q0, v, now, (after - before) / (2.0 * h)
+    _, torque = controller.dynamics.slotine_li(*given)
+    assert np.allclose(command.feedforward, torque, rtol=0.0, atol=1e-6 * np.abs(torque).max())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LOADS)
 def test_lyapunov_equality(name):
