@@ -155,7 +155,7 @@ def _followed(
     search for the first configuration begins at q (nq).
     """
     model, data, reach = robot.model, robot.model.createData(), robot.reach
-    arms = np.repeat([1.0, reach], [task.positions, task.size - task.positions])  # [m/rad]
+    arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
     posture = Posture(robot)
     redundant = model.nv > task.size
     share = 1.0 - math.exp(-posture.frequency * h) if redundant else 0.0
@@ -392,7 +392,7 @@ def starting_from(
         return motion
     motion = motion.from_rest(duration=duration)
     x, first = task.measured(measurement.x, measurement.q), motion.at(0.0).x_d
-    sizes = np.repeat([robot.reach, 1.0], [task.positions, task.size - task.positions])
+    sizes = np.repeat([robot.reach, 1.0], [task.lengths, task.size - task.lengths])
     if (np.abs(task.error(x, first)) <= _THERE * sizes).all():
         return motion
     speeds = np.where([*robot.slides.values()], 0.5 * _SPEED, _SPEED)

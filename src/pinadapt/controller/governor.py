@@ -149,14 +149,14 @@ class Governor:
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
         weight = np.full(task.size, angle)
-        weight[: task.positions] = length
+        weight[: task.lengths] = length
         if isinstance(task, JointTask):
             weight[slides[list(task.dofs)]] = length
         return PathGovernor(
             self,
             names=("", ERROR, FRAMES, *of_joints),
             weight=weight,
-            positions=-1 if isinstance(task, JointTask) else task.positions,
+            positions=-1 if isinstance(task, JointTask) else task.lengths,
             places=None
             if model.nq == model.nv
             else np.array([joint.idx_q for joint in model.joints[1:]]),

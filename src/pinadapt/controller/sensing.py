@@ -277,7 +277,7 @@ class Senses:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
         resting, late = answer == 1, x_time is not None and x_time != t
-        if not m:  # a joint task
+        if not m:  # x follows from q
             x, late = kinematics.x_hat, False
         elif x is not None and not late:
             error = kinematics.p_hat - x[:m]

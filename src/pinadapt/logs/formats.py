@@ -44,7 +44,7 @@ def log_of_rollout(rollout: Rollout) -> Log:
     """Return the log of a rollout: its measurements, or the true motion if these are not kept.
 
     It begins at the last change of the robot; the torques are the controller's, held from each
-    sample to the next. A joint task's x is q and is left out.
+    sample to the next. An x that follows from q is left out.
     """
     since = max((at for at, what in rollout.marks if what != "announced"), default=-math.inf)
     evaluation, framed = rollout.evaluation, rollout.task.positions > 0

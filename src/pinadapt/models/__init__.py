@@ -15,6 +15,7 @@ from .linear_kinematics import FrameKinematics as FrameKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor
+from .task_kinematics import ComKinematics as ComKinematics
 from .task_kinematics import JointKinematics as JointKinematics
 from .task_kinematics import TaskKinematics as TaskKinematics
 from .tracker_kinematics import Tracker as Tracker

@@ -12,6 +12,7 @@ import pinocchio as pin
 from ..exceptions import ParameterError
 from ..robot.constraints import Constraints
 from ..robot.robot import Robot
+from ..tasks.frame import ComTask
 from ..tasks.task import JointTask, Task
 from .right_inverse import RightInverse
 from .translations import Translation
@@ -161,7 +162,87 @@ class TaskKinematics(ABC):
         """Return the number of identifiable combinations of the parameters."""
 
 
-class JointKinematics(TaskKinematics):
+class KnownKinematics(TaskKinematics):
+    """A task whose coordinates follow from q alone: no parameters."""
+
+    def _take(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
+        """Take a nominal robot and its task; ``unknown`` must be empty.
+
+        Raises:
+            ParameterError: unknown translations, which have no effect on the task.
+        """
+        if len(unknown):
+            raise ParameterError(
+                f"translations have no effect on a {task.name} task, so {unknown!r} cannot be "
+                "adapted.",
+                where="unknown.translations",
+                hint='Leave it out, or use a task of the frame, such as "xyz".',
+            )
+        m = task.size
+        self.robot, self.task = robot.undrawn(), task
+        self.joint_names, self.frame = robot.joint_names, robot.frame
+        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self.names, self.size, self.positions = (), 0, 0
+        self.initial = self.a_k = np.zeros(0)
+        self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
+        self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
+        self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
+
+    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
+        """Return the empty Ybar_k (m, 0)."""
+        return self.Y_k
+
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+        """Write nothing."""
+
+    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
+        """Return the empty parameters (0)."""
+        return self.initial
+
+    def value(self, robot: Robot) -> np.ndarray:
+        """Return the empty parameters (0), which fit every robot with this chain."""
+        return self.initial
+
+    def base(self, samples: int = 50) -> int:
+        """Return 0, the number of parameters."""
+        return 0
+
+
+class ComKinematics(KnownKinematics):
+    """Centre of mass of the robot as loaded, and orientation of its task frame."""
+
+    task: ComTask
+
+    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+        """Use a nominal robot with the task "com"; ``unknown`` must be empty.
+
+        Raises:
+            ParameterError: unknown translations, which have no effect on the task.
+        """
+        self._take(robot, robot.task, unknown)
+        self._data = robot.model.createData()
+        self.update(self.initial, robot.q0, np.zeros(self.nv))
+
+    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Set configuration q (nq) and velocity v (nv); a_k is empty."""
+        self.J, self._rate = self.task.jacobians(self._data, q, v)
+        self.xd_hat, self.Jdot_v, self._x = self.J.dot(v), self._rate.dot(v), self.at(q)[0]
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """Centre of mass [m] and quaternion xyzw (7)."""
+        return self._x
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return centre of mass and quaternion (7) at q (nq), and an empty X_k (0, 0)."""
+        return self.task.at(self.robot.model, self._data, self.task.frame, q), self.X_k
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (6, nv) by the motion."""
+        return self._rate
+
+
+class JointKinematics(KnownKinematics):
     """x = q and J = I, of the joints with motors: no parameters, no singularities, no null space.
 
     With it a task-space law becomes the corresponding joint-space law.
@@ -175,26 +256,11 @@ class JointKinematics(TaskKinematics):
         Raises:
             ParameterError: unknown translations, which have no effect on a joint task.
         """
-        if len(unknown):
-            raise ParameterError(
-                f"translations have no effect on a joint task, so {unknown!r} cannot be adapted.",
-                where="unknown.translations",
-                hint='Leave it out, or use a task of the frame, such as "xyz".',
-            )
-        n = robot.model.nv
-        self.robot = robot.undrawn()
-        self.task = JointTask.of_joints(robot.model, robot.motors)
+        self._take(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
         self._dofs = list(self.task.dofs)
-        self.joint_names, self.frame = robot.joint_names, robot.frame
-        self.nq, self.nv = int(robot.model.nq), int(n)
-        self.names, self.size, self.positions = (), 0, 0
-        self.initial = self.a_k = np.zeros(0)
-        self.J = np.eye(n)[self._dofs]
-        m, self._no_rate = len(self.J), np.zeros(self.J.shape)
-        self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
-        self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
-        self._q, self.xd_hat, self._inverse = robot.q0, np.zeros(m), RightInverse(self.J)
-        self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
+        self.J = np.eye(self.nv)[self._dofs]
+        self._no_rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
+        self._q, self.xd_hat = robot.q0, np.zeros(len(self.J))
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
@@ -218,22 +284,3 @@ class JointKinematics(TaskKinematics):
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return zero (nv, nv)."""
         return self._no_rate
-
-    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return the empty Ybar_k (nv, 0)."""
-        return self.Y_k
-
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
-        """Write nothing."""
-
-    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
-        """Return the empty parameters (0)."""
-        return self.initial
-
-    def value(self, robot: Robot) -> np.ndarray:
-        """Return the empty parameters (0), which fit every robot with this chain."""
-        return self.initial
-
-    def base(self, samples: int = 50) -> int:
-        """Return 0, the number of parameters."""
-        return 0

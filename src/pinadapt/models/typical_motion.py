@@ -68,7 +68,7 @@ class TypicalMotion:
         self.kinematics, self.dynamics = kinematics, dynamics
 
         model, rng = robot.model, np.random.default_rng(0)
-        p, m = kinematics.task.positions, kinematics.task.size
+        p, m = kinematics.task.lengths, kinematics.task.size
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
         constraints = robot.constrained

@@ -86,10 +86,10 @@ class MujocoPlant(SimulatedPlant):
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
         task = self.robot.task
-        if isinstance(task, FrameTask | FramesTask):
+        if task.positions:
             x, xd = self._chain.moving(task, self.data)
         else:
-            x, xd = task.measured(None, self._q), self._v
+            x, xd = self._motion(self._q, self._v)
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
@@ -104,6 +104,8 @@ class MujocoPlant(SimulatedPlant):
     def _take(self, robot: Robot) -> None:
         """Write the parameters of a robot into the model, unless it comes from a file."""
         self.robot = robot
+        data = robot.model.createData()
+        self._motion = partial(robot.task.motion, robot.model, data, robot.frame_id)
         if self.described:
             write_robot(self.model, robot)
             M = pin.crba(robot.model, robot.model.createData(), robot.q0)

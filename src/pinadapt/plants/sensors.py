@@ -61,7 +61,7 @@ class SimulatedSensors:
         self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
         self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
         rows = self.task.positions, self.task.size - self.task.positions
-        if self._noise["angle"] and not (isinstance(self.task, FrameTask) and rows[1]):
+        if self._noise["angle"] and not (isinstance(self.task, FrameTask) and all(rows)):
             raise InputError(
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",

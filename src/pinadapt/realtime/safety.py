@@ -162,7 +162,8 @@ class Checklist:
             words = f"has {self._box.shape[1]} coordinates; the task has {k}."
             raise InputError(words, where="safety.box")
         length = 0.1 * robot.reach if safety.error is None else safety.error
-        self._far = np.where(np.arange(self._task.size) < k, length, safety.angle)
+        own = np.arange(self._task.size) < self._task.lengths
+        self._far = np.where(own, length, safety.angle)
         self._blind = explained_age(controller.sensors) + safety.camera if k else math.inf
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise

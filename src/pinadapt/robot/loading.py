@@ -32,7 +32,7 @@ from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError, did_you_mean
-from ..tasks.frame import IMAGE, TASKS, FrameTask
+from ..tasks.frame import COM, IMAGE, TASKS, ComTask, FrameTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
 from . import changes
@@ -97,9 +97,10 @@ def load(
             like a tool, see ``end_links``.
         frames: task frames that one controller moves, in place of ``frame``, in their order of
             priority: where not all can be followed, the first ones are.
-        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint" for the joint positions;
-            default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
-            cannot move its frame in all of xyz.
+        task: "xy", "xz", "yz", "xyz" or "pose" of the frame, "joint" for the joint positions, or
+            "com" for the centre of mass of a free base and the frame's orientation; default: that
+            of the catalogue, else "xyz", or the best conditioned plane if the chain cannot move
+            its frame in all of xyz.
         locked: joints of the chain to lock at the reference configuration of the description.
             Joints off the chain are always locked.
         q0: home pose, one value per joint of the chain (nv) [rad or m]; default: that of the
@@ -147,10 +148,15 @@ def load(
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
-    if others and task == JOINT:
+    if others and task in (JOINT, COM):
         raise RobotError(
-            "several frames are controlled by their positions or poses, not by the joints.",
+            "several frames are controlled by their positions or poses, not by the joints or the "
+            "centre of mass.",
             where="frames",
+        )
+    if task == COM and not free:
+        raise RobotError(
+            "only that of a free base is controlled.", where="task", hint='base="free".'
         )
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
@@ -307,6 +313,8 @@ def _load_chain(
     else:
         tips = [*several.values()]
         chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
+    if isinstance(chosen, ComTask):
+        chosen = replace(chosen, model=model.copy(), frame=several[frame])
     if others and isinstance(chosen, FrameTask):
         chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
@@ -334,7 +342,7 @@ def _load_chain(
     if isinstance(chosen, JointTask):
         J = np.eye(model.nv)[robot.motors]
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
-    elif isinstance(chosen, FramesTask):
+    elif isinstance(chosen, FramesTask | ComTask):
         J = chosen.linear_map(model, model.createData(), tip, home)[1]
     A, _ = robot.constrained.at(home, np.zeros(model.nv))
     both = np.vstack([J, A])

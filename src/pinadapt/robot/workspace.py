@@ -89,8 +89,8 @@ def reachable_circles(robot: Robot) -> Stacked:
 def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
     """Return a circle that starts where the task frame is at home, with its orientation there."""
     task, start = robot.frame_task, robot.position(robot.q0)
-    circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
-    return circle if task.size == task.positions else PoseCircle(circle, start[3:])
+    circle = circle.shifted(start[: task.lengths] - circle.at(0.0).x_d)
+    return circle if task.size == task.lengths else PoseCircle(circle, start[3:])
 
 
 def find_circle(robot: Robot) -> Circle:
@@ -134,14 +134,14 @@ def find_circle(robot: Robot) -> Circle:
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
     length, task = robot.reach, robot.of_frame(robot.frame).frame_task
-    planes = ["xy", "yz", "xz"][: 3 if task.positions == 3 else 1]
+    planes = ["xy", "yz", "xz"][: 3 if task.lengths == 3 else 1]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [
         robot.changed(tool_translation=dict.fromkeys(robot.frames, shift)) for shift in shifts
     ]
     for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
-            Circle(np.zeros(task.positions), rounded_down(size), 1.0, plane, phase)
+            Circle(np.zeros(task.lengths), rounded_down(size), 1.0, plane, phase)
             for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
@@ -233,7 +233,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     """
     model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
     assert isinstance(task, FrameTask | FramesTask)
-    m, home, count = task.positions, robot.home_angles, len(robot.frames)
+    m, home, count = task.lengths, robot.home_angles, len(robot.frames)
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)

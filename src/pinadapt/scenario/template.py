@@ -145,7 +145,7 @@ class Template:
             robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
         if contacts:
             ConstraintForces(robot, None)  # refuses those that cannot hold it
-        path = find_circle(robot) if robot.task.positions else find_swing(robot)
+        path = find_circle(robot) if robot.task.lengths else find_swing(robot)
         whole = not ends and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
 

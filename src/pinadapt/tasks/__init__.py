@@ -1,6 +1,7 @@
 """Tasks: which coordinates are controlled, and how far they are from the desired ones."""
 
 from .frame import TASKS as TASKS
+from .frame import ComTask as ComTask
 from .frame import FrameTask as FrameTask
 from .frame import ImageTask as ImageTask
 from .frame import PoseTask as PoseTask

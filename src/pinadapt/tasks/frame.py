@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -53,7 +53,7 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
     return np.asarray(inverse.T @ omega - inverse @ omega_d - (omega - omega_d))
 
 
-IMAGE = "image"
+IMAGE, COM = "image", "com"
 
 
 @dataclass(frozen=True)
@@ -275,6 +275,81 @@ class ImageTask(PositionTask):
         return np.asarray((above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None])
 
 
+@dataclass(frozen=True)
+class ComTask(PoseTask):
+    """Centre of mass of a robot that stands, and orientation of its task frame, in world axes.
+
+    x and x_d are 7 numbers: centre of mass [m] and unit quaternion xyzw of the frame, with errors,
+    velocities and gains as of ``PoseTask``. The centre of mass has priority over the orientation.
+
+    It is that of the moving bodies of the robot as it was loaded. Loads of ``Robot.changed`` and
+    what is learned do not move it, so x follows from q alone: it needs no sensors, J is exact, its
+    rate contains no estimate, and the proofs are those of known kinematics. Contact forces balance
+    the learned bodies; the true centre of mass is off x by what load and description miss.
+
+    Attributes:
+        model: the robot as it was loaded; of a recording None.
+        frame: index of the task frame in ``model``.
+    """
+
+    model: pin.Model | None = field(default=None, compare=False, repr=False)
+    frame: int = field(default=0, compare=False)
+
+    @property
+    def positions(self) -> int:
+        """Zero: no row is a position of the frame."""
+        return 0
+
+    @property
+    def lengths(self) -> int:
+        """Three: the centre of mass."""
+        return 3
+
+    @property
+    def place(self) -> slice:
+        """No row."""
+        return slice(0)
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """0 of the centre of mass, 1 of the orientation (6)."""
+        return np.repeat([0.0, 1.0], 3)
+
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x (7) and the task velocity (6) at q (nq) and v (nv)."""
+        given = self.model, data, self.frame
+        pin.centerOfMass(self.model, data, q, v)
+        turned = quaternion(pin.updateFramePlacement(*given).rotation)
+        turning = pin.getFrameVelocity(*given, pin.LOCAL_WORLD_ALIGNED).angular
+        return np.append(data.com[0], turned), np.append(data.vcom[0], turning)
+
+    def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates (7) of the measured q (nq); x is not used."""
+        assert self.model is not None
+        return self.at(self.model, self.model.createData(), self.frame, q)
+
+    def linear_map(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x (7) and the task Jacobian (6, nv) at q (nq)."""
+        J, _ = self.jacobians(data, q, np.zeros(model.nv))
+        return self.at(model, data, frame, q), J
+
+    def jacobians(
+        self, data: pin.Data, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
+        given = self.model, data, self.frame
+        pin.dccrba(self.model, data, q, v)  # the linear momentum is m J_com v
+        pin.updateFramePlacement(*given)
+        J = pin.getFrameJacobian(*given, pin.LOCAL_WORLD_ALIGNED)
+        J_rate = pin.getFrameJacobianTimeVariation(*given, pin.LOCAL_WORLD_ALIGNED)
+        J[:3], J_rate[:3] = data.Ag[:3] / data.Ig.mass, data.dAg[:3] / data.Ig.mass
+        return J, J_rate
+
+
 def pinhole_camera(
     position: ArrayLike,
     target: ArrayLike,
@@ -324,8 +399,10 @@ def _position_task(name: str) -> FrameTask:
     return PositionTask(name, tuple(name), rows)
 
 
+_POSE = "x", "y", "z", "phi_x", "phi_y", "phi_z"
 TASKS: dict[str, FrameTask] = {
     **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
-    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(6)),
+    "pose": PoseTask("pose", _POSE, slice(6)),
+    COM: ComTask(COM, _POSE, slice(6)),
 }
-"""The tasks of a frame by name."""
+"""The tasks of a frame by name, and that of the centre of mass, of no robot yet."""

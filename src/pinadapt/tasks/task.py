@@ -84,6 +84,11 @@ class Task(ABC):
         """Number m_p of position rows, which come first; unknown translations affect these only."""
 
     @property
+    def lengths(self) -> int:
+        """Number of rows in metres, which come first: the positions, or a centre of mass."""
+        return self.positions
+
+    @property
     @abstractmethod
     def groups(self) -> tuple[RowGroup, ...]:
         """The rows by unit; the verdict on a run is about the first group."""
@@ -101,7 +106,9 @@ class Task(ABC):
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that follow from q (nq) alone."""
         if x is None:
-            raise InputError("is missing; only a joint task does without it.", where="x")
+            raise InputError(
+                "is missing; only the tasks 'joint' and 'com' do without it.", where="x"
+            )
         return x
 
     def position(self, x: np.ndarray) -> np.ndarray:

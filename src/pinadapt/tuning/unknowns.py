@@ -26,11 +26,11 @@ from ..models.joint_effects import (
 )
 from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.lumped import LumpedDynamics
-from ..models.task_kinematics import JointKinematics, TaskKinematics
+from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
-from ..tasks.frame import ImageTask
+from ..tasks.frame import ComTask, ImageTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
 from .rates import FORGETTING, PREDICTING
@@ -233,8 +233,9 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
 
 def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
     """Return the kinematics of the task; see ``nominal_kinematics``."""
-    if isinstance(robot.task, JointTask):
-        return JointKinematics(robot, unknown.translation_words(tool=False))
+    if isinstance(robot.task, JointTask | ComTask):
+        known = JointKinematics if isinstance(robot.task, JointTask) else ComKinematics
+        return known(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
