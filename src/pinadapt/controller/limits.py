@@ -22,9 +22,9 @@ from .sensing import GUARDS
 # of the sizes of estimates, or a norm of joint velocities [rad/s or m/s]: a loop that has diverged;
 # half or twice: it ends a sample or two earlier or later
 ABSURD = 1e4
-# [m] by which a contact may move. Half: an A1 with a tenth of the declared friction is stopped after
-# 25 ms in place of 36, with half of it after 92 in place of 114, and so is a healthy Talos, whose
-# soles tip by 11.5 mm where its torque is infeasible; that of others that stand is 2.4 mm at most
+# [m] by which a contact may move. Half: an A1 with a tenth of the declared friction is stopped
+# after 25 ms in place of 36, with half of it after 92 in place of 114, and so is a healthy Talos,
+# whose soles tip by 11.5 mm where its torque is infeasible; others that stand move by 2.4 at most
 _SLIP = 0.02
 _IDEAL = Actuators()
 
