@@ -231,8 +231,8 @@ class Senses:
             x = kinematics.x_hat
         elif x is not None:
             error = kinematics.p_hat - x[:m]
-            own = before.trail
-            _, fit = self._checked_frame(measurement, error, kinematics, None, own, math.inf)
+            trail[kernels.SINCE] = math.inf
+            _, fit = self._checked_frame(measurement, error, kinematics, None, trail, math.inf)
             turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
             if guards.frames is not None and turn > _AWRY:
                 self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
@@ -305,6 +305,8 @@ class Senses:
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
+        if dt == math.inf:  # it is compared with none
+            before, dt = SensedState(q, v, trail=new_trail(v)), 0.0
         guards, trail = self.guards, empty(before.trail.size)
         q_used, v_used = empty(q.size), empty(v.size)
         answer = kernels.check_joints(
@@ -495,7 +497,6 @@ def new_trail(v: np.ndarray) -> np.ndarray:
     trail = np.zeros(kernels.TRAIL + kernels.ROWS * v.size)
     row(trail, kernels.RATE)[:] = row(trail, kernels.RAW_V)[:] = v
     row(trail, kernels.RAW_Q)[:] = np.nan
-    trail[kernels.SINCE] = np.inf
     return trail
 
 
