@@ -72,8 +72,8 @@ def check_joints(
       any v, its resolution). A v that is the same to the bit is not judged for 20 ms; then, and
       after 20 ms of the same q, there is no share, and of a v that is not zero neither lateness
       nor half of tol.
-    * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
-      Only the momentum tells whether the joint did.
+    * STOPPED: q is the same to the bit and v has become zero at once. Only the momentum tells
+      whether the joint did.
 
     What is not used is replaced: q by the integral of v, v by the rate of q, both by the velocity
     before, which decays. Once v and q are APART, the one that is not stuck is used from then on.
@@ -91,7 +91,7 @@ def check_joints(
         q_used: (nq) of the sample, as far as it is used.
         v_used: (n) the same.
     """
-    n, halted = len(v), True
+    n = len(v)
     for k in range(len(after)):
         after[k] = before[k]
     for k in range(len(q)):
@@ -102,7 +102,6 @@ def check_joints(
         after[BRIDGED + TIME] += 1.0
         after[TIME] += 1.0
     for i in range(n):
-        halted &= v[i] == 0.0  # all joints at once: by brakes, or in a simulation
         change = abs(v[i] - before[TRAIL + ROWS * i + RAW_V])
         if change > 0.0 and not 0.0 < after[STEP] < change:
             after[STEP] = change
@@ -138,7 +137,7 @@ def check_joints(
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
         clear = max(bounds[CLEAR, i], _AT_ONCE * before[at + JITTER])
-        stopped = same and speed == 0.0 and not halted and abs(rate) > clear
+        stopped = same and speed == 0.0 and abs(rate) > clear
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:

@@ -327,7 +327,7 @@ class Senses:
         less than half of it was, nothing of the joint is used until it moves.
         """
         doubted = row(trail, kernels.KIND) == kernels.STOPPED
-        doubted &= row(before.trail, kernels.DISTRUST) == 0.0
+        doubted &= (row(before.trail, kernels.DISTRUST) == 0.0) & v.any()  # not if all stop
         model = self.guards.model
         for i in np.flatnonzero(doubted).tolist():
             M, rate = pin.crba(model, model.createData(), before.q), row(before.trail, kernels.RATE)
