@@ -43,7 +43,7 @@ def read(controller, t, q, v):
         guards = senses.guards
         elapsed = guards.elapsed(now, t[k], period, period, sensed.trail)
         since = t[k] - now if guards.clock else elapsed
-        given = sensed, now, sample, kinematics, kinematics.initial, since, False
+        given = sensed, now, sample, kinematics, kinematics.initial, since
         sensed, now = senses.read(*given)[0], t[k]
     return sensed
 

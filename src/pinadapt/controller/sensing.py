@@ -44,7 +44,6 @@ _MOVING = 0.25  # of the residual that M dv/dt has: 0.5 of a wrong sign, 0 of a 
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
-_NOT_SEEN = SensedState._field_defaults
 _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
@@ -91,30 +90,37 @@ class FrameFit:
     deviation: float
 
     def after(
-        self, fit: Explained | None, X: np.ndarray, e: np.ndarray, trail: np.ndarray
+        self,
+        fit: Explained | None,
+        X: np.ndarray,
+        a_k: np.ndarray,
+        error: np.ndarray,
+        trail: np.ndarray,
     ) -> tuple[float, float, Explained | None]:
         """Return the size of r, its bound [m], and the fit with a frame that is within it.
 
         Args:
             fit: to the frames before; None: there was none.
             X: (m_p, p) regressor of the frame.
-            e: (m_p) [m].
+            a_k: (p) the estimate [m].
+            error: (m_p) the prediction error of that [m].
             trail: of the samples, in which the way of the joints begins anew with each new fit.
         """
         n, moved = len(self.prior), trail[kernels.SINCE]
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
         p = len(self.start)
-        r = e - X.dot(value[:p]) - value[p:]
+        r = error - X.dot(a_k - self.start + value[:p]) - value[p:]
         size, bound = math.hypot(*r), CERTAIN * self.deviation
         if size > bound or moved > _FRAME:
-            X = np.hstack([X, np.eye(len(e))])
+            error = error - X.dot(a_k - self.start)
+            X = np.hstack([X, np.eye(len(r))])
         if size > bound:
             S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
-            S += self.deviation**2 * np.eye(len(e))
+            S += self.deviation**2 * np.eye(len(r))
             way = r / size
             bound = CERTAIN / math.sqrt(way @ np.linalg.solve(S, way))
         if size <= bound and moved > _FRAME:
-            rows = np.column_stack([X, e]) / self.deviation
+            rows = np.column_stack([X, error]) / self.deviation
             sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
             fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
             trail[kernels.SINCE] = 0.0
@@ -232,7 +238,8 @@ class Senses:
         elif x is not None:
             error = kinematics.p_hat - x[:m]
             trail[kernels.SINCE] = math.inf
-            _, fit = self._checked_frame(measurement, error, kinematics, None, trail, math.inf)
+            given = error, kinematics.X_k, a_k, None, trail, math.inf
+            fit = self._checked_frame(measurement, *given)[1]
             turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
             if guards.frames is not None and turn > _AWRY:
                 self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
@@ -247,7 +254,6 @@ class Senses:
         kinematics: TaskKinematics,
         a_k: np.ndarray,
         dt: float,
-        position_error: bool = True,
         sent: np.ndarray | None = None,
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
@@ -255,15 +261,15 @@ class Senses:
         The estimated kinematics are updated to the sample, which is returned without the frame and
         the torque that were bridged. What is known shares no memory with it. ``before`` and
         ``t_before`` [s] are of the sample before; dt is the time since then [s], infinite if the
-        sample does not follow it; the estimate a_k is (p_k) [m]; ``position_error`` says whether
-        the prediction error of the position is used.
+        sample does not follow it; the estimate a_k is (p_k) [m]; ``sent`` (n) is the torque of the
+        last period [N m or N].
 
         Raises:
             ImplausibleError: what the guards refuse, the last frame of the camera is too old, or
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        first, m, fit = before.first, kinematics.positions, before.fit
+        first, fit = before.first, before.fit
         answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
         if answer == 2:
             self._bridged(measurement, trail, dt)
@@ -277,29 +283,17 @@ class Senses:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
         resting, late = answer == 1, x_time is not None and x_time != t
-        if not m:  # a joint task
+        if not kinematics.positions:  # a joint task
             x, late = kinematics.x_hat, False
-        elif x is not None and not late:
-            error = kinematics.p_hat - x[:m]
-            measurement, fit = self._checked_frame(measurement, error, kinematics, fit, trail, dt)
-            x = measurement.x
-        if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
-            error, X_k = _NOT_SEEN["epsilon"], _NOT_SEEN["X_k"]
-            if position_error:
-                error = kinematics.p_hat - x[:m]
-                X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
-            x = x.copy()
-            seen = SensedState(q, v, x, error, X_k, None, (), first, trail, fit)
-            return seen, resting, measurement
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
-        if late and x is not None and sensed.frame is not before.frame:
-            measurement, fit = self._checked_frame(
-                measurement, sensed.epsilon, kinematics, fit, trail, dt, sensed.X_k
-            )
+        if kinematics.positions and x is not None:
+            if not late or sensed.frame is not before.frame:
+                given = sensed.epsilon, sensed.X_k, a_k, fit, trail, dt
+                measurement, fit = self._checked_frame(measurement, *given)
             if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
-        return sensed._replace(first=first, trail=trail, fit=fit), resting, measurement
+        return SensedState(*sensed[:-3], first, trail, fit), resting, measurement
 
     def _judged(
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
@@ -450,16 +444,16 @@ class Senses:
         self,
         sample: Measurement,
         error: np.ndarray,
-        kinematics: TaskKinematics,
+        X_k: np.ndarray,
+        a_k: np.ndarray,
         fit: Explained | None,
         trail: np.ndarray,
         dt: float,
-        X_k: np.ndarray | None = None,
     ) -> tuple[Measurement, Explained | None]:
         """Return a sample without a frame that does not follow, counted in the trail, and the fit.
 
-        The prediction error (m_p) [m] is that of the present estimate when the frame was taken, and
-        X_k (m_p, p) its regressor; None: that of now.
+        The prediction error (m_p) [m] is that of the estimate a_k (p) when the frame was taken, and
+        X_k (m_p, p) its regressor.
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
@@ -468,9 +462,7 @@ class Senses:
         if frames is None:
             size, bound = float(np.linalg.norm(error)), self.guards.farthest
         else:
-            X_k = kinematics.X_k if X_k is None else X_k
-            error = error + X_k.dot(frames.start - kinematics.a_k)
-            size, bound, fit = frames.after(fit, X_k, error, trail)
+            size, bound, fit = frames.after(fit, X_k, a_k, error, trail)
         if size > bound:
             since = 0.0 if dt < math.inf else dt
             self._bridge(kernels.MOVED, sample, size, bound, trail, since)
