@@ -106,7 +106,7 @@ class FrameFit:
             error: (m_p) the prediction error of that [m].
             trail: of the samples, in which the way of the joints begins anew with each new fit.
         """
-        n, moved = len(self.prior), trail[kernels.SINCE]
+        n, moved = len(self.prior), math.inf if fit is None else trail[kernels.SINCE]
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
         p = len(self.start)
         r = error - X.dot(a_k - self.start + value[:p]) - value[p:]
@@ -226,25 +226,18 @@ class Senses:
         Raises:
             ImplausibleError: this robot cannot be there.
         """
-        _, q, v, x, *_ = measurement
-        guards, m, fit = self.guards, kinematics.positions, None
-        before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        answer, _, _, trail = self._judged(before, q, v, math.inf)
-        if answer == 2:
-            self._bridged(measurement, trail, math.inf)
-        kinematics.update(a_k, q, v)
-        if not m:
-            x = kinematics.x_hat
-        elif x is not None:
-            error = kinematics.p_hat - x[:m]
-            trail[kernels.SINCE] = math.inf
-            given = error, kinematics.X_k, a_k, None, trail, math.inf
-            fit = self._checked_frame(measurement, *given)[1]
-            turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
-            if guards.frames is not None and turn > _AWRY:
-                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
+        guards, trail = self.guards, new_trail(measurement.v)
+        measurement = measurement._replace(x_time=None)
+        before = SensedState(measurement.q, measurement.v, trail=trail)
+        given = before, measurement.t, measurement, kinematics, a_k, math.inf
+        sensed, x = self.read(*given)[0], measurement.x
+        if guards.frames is not None and x is not None:
+            error = kinematics.task.error(x, kinematics.x_hat)[kinematics.positions :]
+            turn = float(np.linalg.norm(error))
+            if turn > _AWRY:
+                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail.copy())
         first = None if guards.first is None else guards.first.init()
-        return before._replace(x=None if x is None else x.copy(), first=first, fit=fit)
+        return sensed._replace(first=first, trail=trail)
 
     def read(
         self,
@@ -500,10 +493,9 @@ def row(trail: np.ndarray, which: int) -> np.ndarray:
 def _numbers(given: Any, size: int) -> np.ndarray:
     """Return an array of a size, NaN if it is none."""
     try:
-        array = np.asarray(given, dtype=float)
+        return np.asarray(given, dtype=float).reshape(size)
     except (TypeError, ValueError):
-        array = np.full(size, np.nan)
-    return array if array.shape == (size,) else np.full(size, np.nan)
+        return np.full(size, np.nan)
 
 
 def make_guards(
