@@ -107,24 +107,27 @@ class FrameFit:
             trail: of the samples, in which the way of the joints begins anew with each new fit.
         """
         n, moved = len(self.prior), math.inf if fit is None else trail[kernels.SINCE]
+        bound, near = CERTAIN * self.deviation, moved <= _FRAME
+        if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
+            return 0.0, bound, fit
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
-        p = len(self.start)
-        r = error - X.dot(a_k - self.start + value[:p]) - value[p:]
-        size, bound = math.hypot(*r), CERTAIN * self.deviation
-        if size > bound or moved > _FRAME:
-            error = error - X.dot(a_k - self.start)
-            X = np.hstack([X, np.eye(len(r))])
-        if size > bound:
-            S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
-            S += self.deviation**2 * np.eye(len(r))
-            way = r / size
-            bound = CERTAIN / math.sqrt(way @ np.linalg.solve(S, way))
-        if size <= bound and moved > _FRAME:
+        error = error - X.dot(a_k - self.start)
+        r = error - X.dot(value[: a_k.size]) - value[a_k.size :]
+        size = math.hypot(*r)
+        if near and size < bound:
+            return size, bound, fit
+        X = np.hstack([X, np.eye(r.size)])
+        S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
+        S += self.deviation**2 * np.eye(r.size)
+        share = math.sqrt(r @ np.linalg.solve(S, r)) / CERTAIN
+        if share > 1.0:
+            return size, size / share, fit
+        if not near:
             rows = np.column_stack([X, error]) / self.deviation
             sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
             fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
             trail[kernels.SINCE] = 0.0
-        return size, bound, fit
+        return size, math.inf, fit
 
 
 @dataclass(frozen=True, eq=False)
