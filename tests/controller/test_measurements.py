@@ -215,6 +215,15 @@ def test_imperfections_of_real_sensors_are_healthy(kind, rate, slow):
     read(controller_of("ur5", 1.0 / PERIOD), t, *HONEST[kind](summed(v), v))
 
 
+def test_a_velocity_beyond_its_bound_for_10_ms_is_bridged_and_forgotten():
+    """The arm is thrown to 39 rad/s and back: its bound is 31; what replaces v is no evidence."""
+    t = 1e-3 * np.arange(400.0)
+    v = np.outer(np.sin(3.0 * t), np.full(6, 0.1))
+    v[:, JOINT] += np.interp(t, [0.1, 0.126, 0.172, 0.22, 0.24], [0.0, 39.0, -30.0, -30.0, 0.0])
+    q = np.vstack([0.0 * v[:1], np.cumsum(0.5e-3 * (v[1:] + v[:-1]), axis=0)])
+    assert 5 < read(controller_of("ur5", 1000.0), t, q, v).trail[0] < 15
+
+
 ONCE = [name for name in FAULTS if name.endswith("once")]
 BLIND = ("encoder stuck, v zero with it", "all repeated, time goes on", "q and v not a number")
 
