@@ -64,9 +64,8 @@ def check_joints(
     * MISSING: q or v is not finite.
     * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
       or |v| is beyond all bounds.
-    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it; or cosine^2 +
-      sine^2 is not 1.
-    * OUT: q is out of range, at the first sample.
+    * JUMP: |r| > tol + 2 dt |v|: q is not where v brings it; or cosine^2 + sine^2 is not 1.
+    * OUT: q is out of range, before a first step.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
       any v, its resolution). A v that is the same to the bit is not judged for 20 ms; then, and
@@ -76,7 +75,8 @@ def check_joints(
       whether the joint did.
 
     What is not used is replaced: q by the integral of v, v by the rate of q, both by the velocity
-    before, which decays. Once v and q are APART, the one that is not stuck is used from then on.
+    before, which decays, and adds nothing to R. Once v and q are APART, the one that is not stuck
+    is used from then on.
 
     Args:
         q: (nq) configuration, of a continuous joint cosine and sine.
@@ -117,7 +117,8 @@ def check_joints(
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
         r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
-        R, D = leak * before[at + RESIDUAL] + r, leak * before[at + WAY] + way
+        R_before = leak * before[at + RESIDUAL]
+        R, D = R_before + r, leak * before[at + WAY] + way
         C_late = _LATE * (leak * before[at + CHANGE] + speed - rate)
         same = q[k] == before[at + RAW_Q]
         still_q = before[at + STILL_Q] + dt if same else 0.0
@@ -130,7 +131,7 @@ def check_joints(
         elif still_v > _REPEATED and speed != 0.0:
             apart, C_late = apart - 0.5 * tolerance, 0.0
         R -= min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
-        jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
+        jump = tolerance + 2.0 * dt * max(abs(speed), abs(rate))
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
         inside = bounds[LOWEST, i] <= q[k] <= bounds[HIGHEST, i]
         distrust = before[at + DISTRUST]
@@ -175,9 +176,7 @@ def check_joints(
         turned += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + RESIDUAL] = leak * before[at + RESIDUAL]
-        if not (no_q or no_v):  # else there is nothing to compare with
-            after[at + RESIDUAL] += r
+        after[at + RESIDUAL] = R_before + (0.0 if no_q or no_v else r)
         after[at + WAY] = leak * before[at + WAY] + way
         after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
         if kind != STOPPED:
