@@ -43,7 +43,7 @@ class Signals:
         Y_k: (m, p_k) kinematic regressor.
         inverse: right inverse of J_hat, damped near its singularities.
         epsilon: (m_p) prediction error of the last seen position, x_hat(q; a_k) - x [m]; empty for
-            joint tasks and for laws without ``uses_position_error``.
+            joint tasks.
         X_k: (m_p, p_k) regressor of epsilon: it is X_k da_k at the configuration where the position
             was seen.
         filtered: output of the law's own filters; see ``Law.filters``.

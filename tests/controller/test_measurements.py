@@ -43,7 +43,7 @@ def read(controller, t, q, v):
         guards = senses.guards
         elapsed = guards.elapsed(now, t[k], period, period, sensed.trail)
         since = t[k] - now if guards.clock else elapsed
-        given = sensed, now, sample, kinematics, kinematics.initial, since, False
+        given = sensed, now, sample, kinematics, kinematics.initial, since
         sensed, now = senses.read(*given)[0], t[k]
     return sensed
 
@@ -213,6 +213,15 @@ def test_imperfections_of_real_sensors_are_healthy(kind, rate, slow):
     rates[0], frequency[0] = slow, 0.3
     v = rates * np.cos(np.outer(t, frequency)) * np.minimum(t / (0.0125 * rate), 1.0)[:, None]
     read(controller_of("ur5", 1.0 / PERIOD), t, *HONEST[kind](summed(v), v))
+
+
+def test_a_velocity_beyond_its_bound_for_10_ms_is_bridged_and_forgotten():
+    """The arm is thrown to 39 rad/s and back: its bound is 31; what replaces v is no evidence."""
+    t = 1e-3 * np.arange(400.0)
+    v = np.outer(np.sin(3.0 * t), np.full(6, 0.1))
+    v[:, JOINT] += np.interp(t, [0.1, 0.126, 0.172, 0.22, 0.24], [0.0, 39.0, -30.0, -30.0, 0.0])
+    q = np.vstack([0.0 * v[:1], np.cumsum(0.5e-3 * (v[1:] + v[:-1]), axis=0)])
+    assert 5 < read(controller_of("ur5", 1000.0), t, q, v).trail[0] < 15
 
 
 ONCE = [name for name in FAULTS if name.endswith("once")]

@@ -64,25 +64,25 @@ def check_joints(
     * MISSING: q or v is not finite.
     * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
       or |v| is beyond all bounds.
-    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it; or cosine^2 +
-      sine^2 is not 1.
-    * OUT: q is out of range, at the first sample.
+    * JUMP: |r| > tol + 2 dt |v|: q is not where v brings it; or cosine^2 + sine^2 is not 1.
+    * OUT: q is out of range, before a first step.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
       any v, its resolution). A v that is the same to the bit is not judged for 20 ms; then, and
       after 20 ms of the same q, there is no share, and of a v that is not zero neither lateness
       nor half of tol.
-    * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
-      Only the momentum tells whether the joint did.
+    * STOPPED: q is the same to the bit and v has become zero at once. Only the momentum tells
+      whether the joint did.
 
     What is not used is replaced: q by the integral of v, v by the rate of q, both by the velocity
-    before, which decays. Once v and q are APART, the one that is not stuck is used from then on.
+    before, which decays, and adds nothing to R. Once v and q are APART, the one that is not stuck
+    is used from then on.
 
     Args:
         q: (nq) configuration, of a continuous joint cosine and sine.
         q_before: (nq) used at the sample before.
         v: (n) joint velocity [rad/s or m/s].
-        dt: since the sample before [s]; infinite: it is compared with none.
+        dt: since the sample before [s].
         decay: of the velocity of which nothing is used, as of an arm that is damped [1/s].
         bounds: (7, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
@@ -91,41 +91,38 @@ def check_joints(
         q_used: (nq) of the sample, as far as it is used.
         v_used: (n) the same.
     """
-    n, follows, halted = len(v), dt < math.inf, True
+    n = len(v)
     for k in range(len(after)):
-        after[k] = before[k] if follows or k < BRIDGED else 0.0
+        after[k] = before[k]
     for k in range(len(q)):
         q_used[k] = q[k]
-    if follows and dt > 0.0:
+    if dt > 0.0:
         after[BRIDGED + TIME] = 0.0
-    elif follows and before[STEPPED] != 0.0:
+    elif before[STEPPED] != 0.0:
         after[BRIDGED + TIME] += 1.0
         after[TIME] += 1.0
     for i in range(n):
-        halted &= v[i] == 0.0  # all joints at once: by brakes, or in a simulation
         change = abs(v[i] - before[TRAIL + ROWS * i + RAW_V])
-        if follows and change > 0.0 and not 0.0 < after[STEP] < change:
+        if change > 0.0 and not 0.0 < after[STEP] < change:
             after[STEP] = change
     leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
     for i in range(n):
         at, k, plain, speed = TRAIL + ROWS * i, places[i], places[i + 1] == places[i] + 1, v[i]
-        rate, way, circle = before[at + RATE] if follows else speed, 0.0, True
+        rate, way, circle = before[at + RATE], q[k] - q_before[k], True
         resting &= abs(speed) < bounds[SLOW, i]
         if not plain:
             circle = abs(q[k] ** 2 + q[k + 1] ** 2 - 1.0) < 0.02
-        if plain and follows:
-            way = q[k] - q_before[k]
-        elif follows:
             way = math.atan2(
                 q[k + 1] * q_before[k] - q[k] * q_before[k + 1],
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
-        r = way - 0.5 * dt * (speed + rate) if follows else 0.0  # exact for a torque that is held
-        R, D = leak * before[at + RESIDUAL] + r, leak * before[at + WAY] + way
+        r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
+        R_before = leak * before[at + RESIDUAL]
+        R, D = R_before + r, leak * before[at + WAY] + way
         C_late = _LATE * (leak * before[at + CHANGE] + speed - rate)
-        same = follows and q[k] == before[at + RAW_Q]
+        same = q[k] == before[at + RAW_Q]
         still_q = before[at + STILL_Q] + dt if same else 0.0
-        still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
+        still_v = before[at + STILL_V] + dt if speed == before[at + RAW_V] else 0.0
 
         tolerance, fastest = bounds[TOLERANCE, i], bounds[FASTEST, i]
         apart = tolerance + MEMORY * after[STEP]
@@ -134,14 +131,14 @@ def check_joints(
         elif still_v > _REPEATED and speed != 0.0:
             apart, C_late = apart - 0.5 * tolerance, 0.0
         R -= min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
-        jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
+        jump = tolerance + 2.0 * dt * max(abs(speed), abs(rate))
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
         inside = bounds[LOWEST, i] <= q[k] <= bounds[HIGHEST, i]
-        distrust = before[at + DISTRUST] if follows else 0.0
+        distrust = before[at + DISTRUST]
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
         clear = max(bounds[CLEAR, i], _AT_ONCE * before[at + JITTER])
-        stopped = same and speed == 0.0 and not halted and abs(rate) > clear
+        stopped = same and speed == 0.0 and abs(rate) > clear
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
@@ -152,7 +149,7 @@ def check_joints(
             kind, size, bound = SPIKE, speed, fastest
         elif abs(r) > jump or not circle:
             kind, size, bound = JUMP, r, jump
-        elif plain and not (follows or inside):
+        elif plain and before[STEPPED] == 0.0 and not inside:
             kind, size, bound = OUT, q[k], bounds[HIGHEST if q[k] > 0.0 else LOWEST, i]
         elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
             kind, size, bound = APART, R, apart
@@ -168,9 +165,9 @@ def check_joints(
         v_used[i] = speed
         if no_q and no_v:
             v_used[i] = rate * math.exp(-decay * dt)
-        elif no_v and follows:
+        elif no_v:
             v_used[i] = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
-        if no_q and follows:
+        if no_q:
             way = 0.5 * dt * (rate + v_used[i])
             q_used[k] = q_before[k] + way
             if not plain:
@@ -178,10 +175,8 @@ def check_joints(
                 q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
         turned += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
-        if follows:
-            r = way - 0.5 * dt * (rate + v_used[i])
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + RESIDUAL] = leak * before[at + RESIDUAL] + r
+        after[at + RESIDUAL] = R_before + (0.0 if no_q or no_v else r)
         after[at + WAY] = leak * before[at + WAY] + way
         after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
         if kind != STOPPED:

@@ -95,7 +95,6 @@ class Controller:
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters, self._projects = law.filters, adaptation_d.projects
-        self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
         if bandwidth is not None:
@@ -743,7 +742,7 @@ class Controller:
             since = measurement.t - state.t if guards.clock else elapsed
         sensed, resting, measurement = self.senses.read(
             before, state.t, measurement, self.kinematics, state.kinematic.value, since,
-            self._position_error, getattr(state.torque_filter, "tau", None),
+            getattr(state.torque_filter, "tau", None),
         )  # fmt: skip
         return sensed, resting, measurement, desired, elapsed
 

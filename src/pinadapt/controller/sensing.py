@@ -44,7 +44,6 @@ _MOVING = 0.25  # of the residual that M dv/dt has: 0.5 of a wrong sign, 0 of a 
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
-_NOT_SEEN = SensedState._field_defaults
 _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
@@ -91,34 +90,46 @@ class FrameFit:
     deviation: float
 
     def after(
-        self, fit: Explained | None, X: np.ndarray, e: np.ndarray, trail: np.ndarray
+        self,
+        fit: Explained | None,
+        X: np.ndarray,
+        a_k: np.ndarray,
+        error: np.ndarray,
+        trail: np.ndarray,
     ) -> tuple[float, float, Explained | None]:
         """Return the size of r, its bound [m], and the fit with a frame that is within it.
 
         Args:
             fit: to the frames before; None: there was none.
             X: (m_p, p) regressor of the frame.
-            e: (m_p) [m].
+            a_k: (p) the estimate [m].
+            error: (m_p) the prediction error of that [m].
             trail: of the samples, in which the way of the joints begins anew with each new fit.
         """
-        n, moved = len(self.prior), trail[kernels.SINCE]
+        n, moved = len(self.prior), math.inf if fit is None else trail[kernels.SINCE]
+        bound, near = CERTAIN * self.deviation, moved <= _FRAME
+        if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
+            return 0.0, bound, fit
         value, sums = fit or (np.zeros(n), np.zeros((n, n + 1)))
-        p = len(self.start)
-        r = e - X.dot(value[:p]) - value[p:]
-        size, bound = math.hypot(*r), CERTAIN * self.deviation
-        if size > bound or moved > _FRAME:
-            X = np.hstack([X, np.eye(len(e))])
-        if size > bound:
-            S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
-            S += self.deviation**2 * np.eye(len(e))
-            way = r / size
-            bound = CERTAIN / math.sqrt(way @ np.linalg.solve(S, way))
-        if size <= bound and moved > _FRAME:
-            rows = np.column_stack([X, e]) / self.deviation
+        error = error - X.dot(a_k - self.start)
+        r = error - X.dot(value[: a_k.size]) - value[a_k.size :]
+        size = math.hypot(*r)
+        if near and size < bound:
+            return size, bound, fit
+        if not math.isfinite(size):
+            return size, bound, fit
+        X, way = np.hstack([X, np.eye(r.size)]), r / max(size, bound)
+        S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
+        S += self.deviation**2 * np.eye(r.size)
+        share = max(size, bound) * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
+        if share > 1.0:
+            return size, size / share, fit
+        if not near:
+            rows = np.column_stack([X, error]) / self.deviation
             sums = math.exp(-moved) * sums + rows[:, :-1].T @ rows
             fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums)
             trail[kernels.SINCE] = 0.0
-        return size, bound, fit
+        return size, math.inf, fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,24 +231,18 @@ class Senses:
         Raises:
             ImplausibleError: this robot cannot be there.
         """
-        _, q, v, x, *_ = measurement
-        guards, m, fit = self.guards, kinematics.positions, None
-        before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        answer, _, _, trail = self._judged(before, q, v, math.inf)
-        if answer == 2:
-            self._bridged(measurement, trail, math.inf)
-        kinematics.update(a_k, q, v)
-        if not m:
-            x = kinematics.x_hat
-        elif x is not None:
-            error = kinematics.p_hat - x[:m]
-            own = before.trail
-            _, fit = self._checked_frame(measurement, error, kinematics, None, own, math.inf)
-            turn = float(np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:]))
-            if guards.frames is not None and turn > _AWRY:
-                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail)
+        guards, trail = self.guards, new_trail(measurement.v)
+        measurement = measurement._replace(x_time=None)
+        before = SensedState(measurement.q, measurement.v, trail=trail)
+        given = before, measurement.t, measurement, kinematics, a_k, math.inf
+        sensed, x = self.read(*given)[0], measurement.x
+        if guards.frames is not None and x is not None:
+            error = kinematics.task.error(x, kinematics.x_hat)[kinematics.positions :]
+            turn = float(np.linalg.norm(error))
+            if turn > _AWRY:
+                self._bridge(kernels.TURNED, measurement, turn, _AWRY, trail.copy())
         first = None if guards.first is None else guards.first.init()
-        return before._replace(x=None if x is None else x.copy(), first=first, fit=fit)
+        return sensed._replace(first=first, trail=trail)
 
     def read(
         self,
@@ -247,7 +252,6 @@ class Senses:
         kinematics: TaskKinematics,
         a_k: np.ndarray,
         dt: float,
-        position_error: bool = True,
         sent: np.ndarray | None = None,
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
@@ -255,15 +259,15 @@ class Senses:
         The estimated kinematics are updated to the sample, which is returned without the frame and
         the torque that were bridged. What is known shares no memory with it. ``before`` and
         ``t_before`` [s] are of the sample before; dt is the time since then [s], infinite if the
-        sample does not follow it; the estimate a_k is (p_k) [m]; ``position_error`` says whether
-        the prediction error of the position is used.
+        sample does not follow it; the estimate a_k is (p_k) [m]; ``sent`` (n) is the torque of the
+        last period [N m or N].
 
         Raises:
             ImplausibleError: what the guards refuse, the last frame of the camera is too old, or
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        first, m, fit = before.first, kinematics.positions, before.fit
+        first, fit = before.first, before.fit
         answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
         if answer == 2:
             self._bridged(measurement, trail, dt)
@@ -277,34 +281,24 @@ class Senses:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
         resting, late = answer == 1, x_time is not None and x_time != t
-        if not m:  # x follows from q
+        if not kinematics.positions:  # x follows from q
             x, late = kinematics.x_hat, False
-        elif x is not None and not late:
-            error = kinematics.p_hat - x[:m]
-            measurement, fit = self._checked_frame(measurement, error, kinematics, fit, trail, dt)
-            x = measurement.x
-        if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
-            error, X_k = _NOT_SEEN["epsilon"], _NOT_SEEN["X_k"]
-            if position_error:
-                error = kinematics.p_hat - x[:m]
-                X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
-            x = x.copy()
-            seen = SensedState(q, v, x, error, X_k, None, (), first, trail, fit)
-            return seen, resting, measurement
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
-        if late and x is not None and sensed.frame is not before.frame:
-            measurement, fit = self._checked_frame(
-                measurement, sensed.epsilon, kinematics, fit, trail, dt, sensed.X_k
-            )
+        if kinematics.positions and x is not None:
+            if not late or sensed.frame is not before.frame:
+                given = sensed.epsilon, sensed.X_k, a_k, fit, trail, dt
+                measurement, fit = self._checked_frame(measurement, *given)
             if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
-        return sensed._replace(first=first, trail=trail, fit=fit), resting, measurement
+        return SensedState(*sensed[:-3], first, trail, fit), resting, measurement
 
     def _judged(
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
+        if dt == math.inf:  # it is compared with none
+            before, dt = SensedState(q, v, trail=new_trail(v)), 0.0
         guards, trail = self.guards, empty(before.trail.size)
         q_used, v_used = empty(q.size), empty(v.size)
         answer = kernels.check_joints(
@@ -325,7 +319,7 @@ class Senses:
         less than half of it was, nothing of the joint is used until it moves.
         """
         doubted = row(trail, kernels.KIND) == kernels.STOPPED
-        doubted &= row(before.trail, kernels.DISTRUST) == 0.0
+        doubted &= (row(before.trail, kernels.DISTRUST) == 0.0) & v.any()  # not if all stop
         model = self.guards.model
         for i in np.flatnonzero(doubted).tolist():
             M, rate = pin.crba(model, model.createData(), before.q), row(before.trail, kernels.RATE)
@@ -448,16 +442,16 @@ class Senses:
         self,
         sample: Measurement,
         error: np.ndarray,
-        kinematics: TaskKinematics,
+        X_k: np.ndarray,
+        a_k: np.ndarray,
         fit: Explained | None,
         trail: np.ndarray,
         dt: float,
-        X_k: np.ndarray | None = None,
     ) -> tuple[Measurement, Explained | None]:
         """Return a sample without a frame that does not follow, counted in the trail, and the fit.
 
-        The prediction error (m_p) [m] is that of the present estimate when the frame was taken, and
-        X_k (m_p, p) its regressor; None: that of now.
+        The prediction error (m_p) [m] is that of the estimate a_k (p) when the frame was taken, and
+        X_k (m_p, p) its regressor.
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
@@ -466,9 +460,7 @@ class Senses:
         if frames is None:
             size, bound = float(np.linalg.norm(error)), self.guards.farthest
         else:
-            X_k = kinematics.X_k if X_k is None else X_k
-            error = error + X_k.dot(frames.start - kinematics.a_k)
-            size, bound, fit = frames.after(fit, X_k, error, trail)
+            size, bound, fit = frames.after(fit, X_k, a_k, error, trail)
         if size > bound:
             since = 0.0 if dt < math.inf else dt
             self._bridge(kernels.MOVED, sample, size, bound, trail, since)
@@ -495,7 +487,6 @@ def new_trail(v: np.ndarray) -> np.ndarray:
     trail = np.zeros(kernels.TRAIL + kernels.ROWS * v.size)
     row(trail, kernels.RATE)[:] = row(trail, kernels.RAW_V)[:] = v
     row(trail, kernels.RAW_Q)[:] = np.nan
-    trail[kernels.SINCE] = np.inf
     return trail
 
 
@@ -507,10 +498,9 @@ def row(trail: np.ndarray, which: int) -> np.ndarray:
 def _numbers(given: Any, size: int) -> np.ndarray:
     """Return an array of a size, NaN if it is none."""
     try:
-        array = np.asarray(given, dtype=float)
+        return np.asarray(given, dtype=float).reshape(size)
     except (TypeError, ValueError):
-        array = np.full(size, np.nan)
-    return array if array.shape == (size,) else np.full(size, np.nan)
+        return np.full(size, np.nan)
 
 
 def make_guards(

@@ -72,7 +72,7 @@ class SensedState(NamedTuple):
         x: the present task coordinates: measured, predicted from the last frame, or for a joint
             task those of q. None before the first frame.
         epsilon: (m_p) prediction error of the last measured position [m]; empty before the first
-            frame, and where it is not used.
+            frame.
         X_k: (m_p, p) its regressor, dx/da_k at the configuration of that measurement.
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
@@ -135,7 +135,9 @@ class DelayCompensator:
             MeasurementError: the frame was taken after the sample.
             ImplausibleError: no new frame for longer than ``longest_gap``.
         """
-        if not self.enabled or before.x is None:
+        now = x is not None and x_time is None
+        now &= self.smoothing == math.inf or not kinematics.positions
+        if now or not self.enabled or before.x is None:
             x = before.x if x is None else x.copy()
             if x is None:
                 return SensedState(q, v)
