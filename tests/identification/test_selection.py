@@ -67,6 +67,7 @@ def test_effects_are_found_and_predict_the_held_out_torques():
     plain = pa.identify(log, robot, unknown=["bodies", "friction"], progress=False)
     assert {gain.words for gain in found.effects.gains} >= WORDS
     assert all(gain.share > 2.0 * gain.deviation for gain in found.effects.gains)
+    assert len(found.effects.friction.shafts) == 1  # others would have negative friction
     left, without = (
         np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (found, plain)
     )

@@ -39,7 +39,7 @@ WEIGHT = 1.0
 LIGHT = 1e-6
 # Share of a stated total mass that it may be off: half and twice give the same masses to 0.2 %.
 _WEIGHED = 1e-3
-# Deviation of the gain of each torque, for loads. Half and twice: +- 0.08 and +- 0.64 in place of
+# Deviation of the gain of each torque, for loads. Half and twice: +- 0.10 and +- 0.64 in place of
 # +- 0.23 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
 GAIN = 0.05
 FREE = 1e-2  # weight of a load like the last body, relative to the description of a body

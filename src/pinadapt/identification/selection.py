@@ -3,7 +3,7 @@
 The learning part of a log is split into blocks of time. Each block is predicted from the others,
 with and without an effect at a joint. Effects are added one by one, the best one first, as long as
 one lowers the squared error by more than twice the standard error of the gain over the blocks, and
-by 1.5 %.
+by 1.5 %. A motor that two joints turn also needs a rotor and friction that are not negative.
 
 The error of a joint is relative to its noise, so that neither strong nor light joints decide alone.
 For speed the bodies are not kept in the physical cone here, but near the description by the
@@ -149,7 +149,10 @@ def choose_effects(
         H = np.tensordot(noise**-2.0, products, axes=(0, 1))
         before, found = _held_out(H, prior, index) / rows, []
         for one in open_:
-            after = _held_out(H, prior, np.append(index, one.columns)) / rows
+            whole = np.append(index, one.columns)
+            if one.shaft and (_fitted(H.sum(axis=0), prior, whole)[one.columns] > 0.0).any():
+                continue  # with negative friction or a negative rotor it is something else
+            after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
             share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
             if share > max(_SURE * error, _LEAST):

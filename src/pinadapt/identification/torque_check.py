@@ -53,14 +53,14 @@ _SURELY = 1.15
 # Deviation of a described body in the divergence of ``physical_fit``: 0.3 of its mass. Half takes a
 # UR10 for a UR5, twice refuses a quarter of the log of a Panda.
 _OFF = 0.6
-# Independent rows that the torques of a joint are worth, as errors of a model last. Half
-# changes no verdict on real logs, twice none on quarters of a TX40.
+# Independent rows that the torques of a joint are worth, as errors of a model last. Half and twice
+# name other causes for amperes of a Panda and a TX40.
 _WORTH = 5.0
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
-# [rad or m] of a position that is off. 20 degrees of a Panda show as 0.17 to 0.5: twice misses
-# some, half changes no verdict on the logs.
+# [rad or m] of a position that is off. 20 degrees of a Panda show as 0.17 to 0.5: twice misses its
+# third joint.
 _LEAST_ANGLE = 0.1
 _EPS = np.finfo(float).eps
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
@@ -163,11 +163,9 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     undone = (
         (cause, _fit(other, robot, **options)) for cause, other, options in _mistakes(motion, robot)
     )
-    named = (one for one in undone if one[1].fits.all() or not plain.fits.all())
-    likely = sorted(named, key=lambda one: one[1].score)
-    causes: list[str] = []
-    if likely and likely[0][1].score < plain.score - _SURELY:
-        best = likely[0][1].score
+    likely = sorted(undone, key=lambda one: one[1].score)
+    causes, best = list[str](), likely[0][1].score
+    if best < plain.score - _SURELY:
         causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _SURELY]
     elif not plain.fits.all():
         shown = [
