@@ -278,7 +278,7 @@ class Estimator:
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        self._alone = given.bodies == PAYLOAD
+        alone = given.bodies == PAYLOAD
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names)
@@ -300,12 +300,12 @@ class Estimator:
         dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
         places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
         self._dry = places.reshape(-1, len(_DRY))
-        # gears rub under the load too; constraints would mix the joints' shares of it
+        # gears rub under a load that no unknown body hides; constraints would mix their shares
         carried = dynamics.size + self._dry.size
-        self._columns = carried + (PER_BODY if near and not robot.constraints else 0)
+        self._columns = carried + (PER_BODY if near and alone and not robot.constraints else 0)
         self._carried = np.arange(carried, self._columns)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
-        known = range(*self._own.indices(size)) if self._alone else ()
+        known = range(*self._own.indices(size)) if alone else ()
         kept = [i for i in range(dynamics.size) if i not in known]
         first = size - len(known)
         self._load = slice(first, first + PER_BODY)
@@ -323,7 +323,7 @@ class Estimator:
         rest = np.delete(np.arange(p - len(near)), self._load)
         self._B[kept, rest] = 1.0
         self._B[-1, -1] = 1.0
-        if self._alone:
+        if alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
         ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
         placement = robot.model.frames[robot.frame_id].placement
@@ -594,9 +594,8 @@ class Estimator:
         that cannot be told from an unknown last body adds nothing.
         """
         S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
-        told = self._alone or state.accepted[0] > state.accepted[1]
-        shares = float(told) * (self._B[gears] @ np.append(a, 0.0))
-        load = a[self._load] * float(told and state.load is not None)
+        shares = self._B[gears] @ np.append(a, 0.0)
+        load = a[self._load] * float(state.load is not None)
         for j, gear, share in zip(self._near, gears, shares, strict=True):
             at = self._places[j]
             own = np.flatnonzero(np.isin(at, self._carried))
