@@ -49,12 +49,12 @@ FADING = 0.1
 # 0.5 s in place of 0.9, and such a push may be; twice: after more than a second.
 _LOADED = 12
 _EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
-_RECENT = 75  # windows whose residuals tell how long errors last; half and twice: the same
+_RECENT = 75  # windows whose residuals tell how long errors last
 # Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
 _ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
-_SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
+_SHAKE = 0.2  # [rad or m], once a second
 _KNOWN = 0.1  # of the mass of a load, and of a hundredth of the robot's: well enough for a user
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _GEAR = _DRY.index("gear_friction")
