@@ -49,14 +49,15 @@ FADING = 0.1
 # 0.5 s in place of 0.9, and such a push may be; twice: after more than a second.
 _LOADED = 12
 _EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
-_RECENT = 75  # windows whose residuals tell how long errors last; half and twice: the same
+_RECENT = 75  # windows whose residuals tell how long errors last
 # Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
 _ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
-_SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
+_SHAKE = 0.2  # [rad or m], once a second
 _KNOWN = 0.1  # of the mass of a load, and of a hundredth of the robot's: well enough for a user
 _DRY = "coulomb", "gear_friction", "asymmetry"
+_GEAR = _DRY.index("gear_friction")
 # Shares of a torque: its noise before there are residuals, with the weight of one window, and the
 # least. Half of the first: a UR10's error is 38 % larger; twice: deviations of a new load are half
 # as large again. Half and twice the second: the same.
@@ -100,16 +101,16 @@ class _Belief(NamedTuple):
 
     Attributes:
         a: (p) parameters.
-        left: w (c + 1): [W y] w is the residual of a window.
-        slopes: (c, p) L of the covariance L L^T of the first c of these.
+        left: w (k) of each joint: [W y] w is the residual of a window.
+        slopes: (k, p) of each joint; [W y] times it is a root of that residual's covariance.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
         windows: that are in it.
     """
 
     a: np.ndarray
-    left: np.ndarray
-    slopes: np.ndarray
+    left: list[np.ndarray]
+    slopes: list[np.ndarray]
     noise: np.ndarray
     lasting: np.ndarray
     windows: int
@@ -277,7 +278,7 @@ class Estimator:
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        payload_alone = given.bodies == PAYLOAD
+        alone = given.bodies == PAYLOAD
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names)
@@ -299,9 +300,12 @@ class Estimator:
         dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
         places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
         self._dry = places.reshape(-1, len(_DRY))
-        self._columns = dynamics.size + self._dry.size
+        # gears rub under a load that no unknown body hides; constraints would mix their shares
+        carried = dynamics.size + self._dry.size
+        self._columns = carried + (PER_BODY if near and alone and not robot.constraints else 0)
+        self._carried = np.arange(carried, self._columns)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
-        known = range(*self._own.indices(size)) if payload_alone else ()
+        known = range(*self._own.indices(size)) if alone else ()
         kept = [i for i in range(dynamics.size) if i not in known]
         first = size - len(known)
         self._load = slice(first, first + PER_BODY)
@@ -319,7 +323,7 @@ class Estimator:
         rest = np.delete(np.arange(p - len(near)), self._load)
         self._B[kept, rest] = 1.0
         self._B[-1, -1] = 1.0
-        if payload_alone:
+        if alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
         ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
         placement = robot.model.frames[robot.frame_id].placement
@@ -397,6 +401,8 @@ class Estimator:
         Raises:
             RobotError: an impossible load.
         """
+        # no window holds both loads
+        state = state._replace(samples=state.samples[-1:], last=None)
         if payload is None:
             return self._changed(state, self._usual)
         placement = self.robot.model.frames[self.robot.frame_id].placement
@@ -484,8 +490,14 @@ class Estimator:
         F[:, -2], F[:, -1] = tau, np.abs(v)
         near = np.array(self._near, dtype=int)
         fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
-        columns = np.arange(size, self._columns).reshape(self._dry.shape)
+        columns = np.arange(size, size + self._dry.size).reshape(self._dry.shape)
         F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
+        if self._carried.size:
+            _, g, _, g_0 = self.dynamics.momentum(q, 0.0 * v)
+            bodies = self.dynamics.inertial.size
+            signs = np.sign(g[:, :bodies] @ self.dynamics.initial[:bodies] + g_0)
+            signs *= np.tanh(v / robot.friction.threshold)
+            F[near[:, None], self._carried] = (signs[:, None] * g[:, self._own])[near]
         N = robot.constrained.free(q, v)[0] if robot.constraints else 1.0
         before, projection = (t, N) if last is None else (last.t, last.N[1])
         return _Rows(t, before, (projection, N), M, F)
@@ -512,23 +524,18 @@ class Estimator:
 
     def _accepted(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
         """Return the state that learned from windows."""
-        products, level = state.products, state.level
+        each, level = zip(state.products, self._each(windows), strict=True), state.level
         for one in windows:
-            rows = np.column_stack([one.W, one.y])
-            each = [row[at] for row, at in zip(rows, self._places, strict=True)]
-            products = tuple(
-                old + np.outer(row, row) for old, row in zip(products, each, strict=True)
-            )
             level = level + one.tau**2
         total, present, _ = state.accepted
         state = state._replace(
-            products=products,
+            products=tuple(old + rows.T @ rows for old, rows in each),
             level=level,
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
         learned = state.accepted[0] - (0 if state.belief is None else state.belief.windows)
-        if learned < max(_EVERY, state.accepted[0] // _EVERY):
+        if learned < max(_EVERY, state.accepted[1] // _EVERY):
             return state
         return state._replace(belief=self._believed(state))
 
@@ -537,14 +544,17 @@ class Estimator:
         past, left = state.past, state.left
         if state.accepted[1]:
             belief = state.belief or self._believed(state)
-            M, at = self._products(state, belief.lasting), self._own
+            M = self._products(state, belief.lasting, belief.a)
             if state.load is not None:
                 known = np.linalg.inv(self._T[self._load, self._load])
                 known = np.column_stack([known, known @ state.load])
-                inner, cross = M[at, at] + known[:, :-1].T @ known[:, :-1], M[at].copy()
+                columns = self._map(state.load)[:, self._load]
+                cross = columns.T @ M
+                inner = cross @ columns + known[:, :-1].T @ known[:, :-1]
                 cross[:, -1] += known[:, :-1].T @ known[:, -1]
                 M[-1, -1] += known[:, -1] @ known[:, -1]
                 M -= cross.T @ np.linalg.solve(inner, cross)
+            M[self._carried], M[:, self._carried] = 0.0, 0.0
             past = past + M
             left = left + self._squares(state, belief.a)
         state = state._replace(
@@ -567,14 +577,38 @@ class Estimator:
         B, near = self._B.copy(), len(self._near)
         if load is not None:
             B[self._own, self._load] = np.eye(PER_BODY)
+            B[self._carried, self._load] = np.eye(PER_BODY)[: self._carried.size]
         a = self._physical.center if a is None else a
-        first, last = self._columns - self._dry.size, len(self.names)
+        first, last = self.dynamics.size, len(self.names)
         rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
         x, dry = a[last - near : last, None], self._B[self._dry] @ np.append(a, 0.0)
         B[rows] += x[:, :, None] * self._B[self._dry]
         B[rows, last - near + np.arange(near)[:, None]] += dry
         B[rows, -1] += x * dry  # as the product x d is in both columns
         return B
+
+    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
+        """Return S (k, k) of each joint: its [W y] S are linear in load and gear at a (p).
+
+        With s the share of a gear and l the load, the columns E of ``carried`` add s E l. A load
+        that cannot be told from an unknown last body adds nothing.
+        """
+        S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
+        shares = self._B[gears] @ np.append(a, 0.0)
+        load = a[self._load] * float(state.load is not None)
+        for j, gear, share in zip(self._near, gears, shares, strict=True):
+            at = self._places[j]
+            own = np.flatnonzero(np.isin(at, self._carried))
+            part = load[at[own] - self._columns]
+            S[j][own, own] = share
+            S[j][np.ix_(own, at == gear)] = part[:, None]
+            S[j][own, -1] = share * part
+        return S
+
+    def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
+        """Return [W y] (N, k) of each joint, of the columns that it has."""
+        rows = np.array([np.column_stack([one.W, one.y]) for one in windows])
+        return [rows[:, j, at] for j, at in enumerate(self._places)]
 
     def _prior(self, state: EstimatorState) -> PhysicalSet:
         """Return the physical parameters around the description and a load."""
@@ -583,29 +617,29 @@ class Estimator:
             center[self._load] = state.load
         return replace(self._physical, center=center)
 
-    def _products(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
+    def _products(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the products (c + 1, c + 1) of the windows with the present load."""
         M = np.zeros_like(state.past)
-        for at, one, size in zip(self._places, state.products, noise, strict=True):
-            M[np.ix_(at, at)] += one / size**2
+        each = zip(self._places, state.products, self._gears(state, a), noise, strict=True)
+        for at, one, S, size in each:
+            M[np.ix_(at, at)] += S.T @ one @ S / size**2
         return M
 
-    def _equations(
-        self, state: EstimatorState, noise: np.ndarray, a: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _equations(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the products (p + 1, p + 1) of all equations, the last column being y."""
         B, past = self._map(state.load, a), self._map(None, a)
-        return B.T @ self._products(state, noise) @ B + past.T @ state.past @ past
+        return B.T @ self._products(state, noise, a) @ B + past.T @ state.past @ past
 
-    def _left(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
-        """Return w (c + 1): [W y] w are the residuals of windows with the present load."""
-        return self._map(state.load, a) @ np.append(-a, 1.0)
+    def _left(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
+        """Return w (k) of each joint: [W y] w are its residuals, with the present load."""
+        w = self._map(state.load, a) @ np.append(-a, 1.0)
+        gears = self._gears(state, a)
+        return [S @ w[at] for at, S in zip(self._places, gears, strict=True)]
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
-        w = self._left(state, a)
-        each = zip(self._places, state.products, strict=True)
-        return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
+        each = zip(self._left(state, a), state.products, strict=True)
+        return np.maximum([w @ one @ w for w, one in each], 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
@@ -621,8 +655,8 @@ class Estimator:
         """Return the factors (n) of the noise of windows that are not independent."""
         if len(state.recent) < _EVERY:
             return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
-        w = self._left(state, a)
-        left = np.array([one.W @ w[:-1] + one.y for one in state.recent])
+        each = zip(self._each(state.recent), self._left(state, a), strict=True)
+        left = np.column_stack([rows @ w for rows, w in each])
         return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
 
     def _believed(self, state: EstimatorState) -> _Belief:
@@ -640,14 +674,15 @@ class Estimator:
         noise = self._noise(state, a, fitted)
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
         X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
-        slopes = B[:-1, :-1] @ T @ X
-        return _Belief(a, self._left(state, a), slopes, noise, lasting, state.accepted[0])
+        slopes, gears = B[:, :-1] @ T @ X, self._gears(state, a)
+        each = [S @ slopes[at] for at, S in zip(self._places, gears, strict=True)]
+        return _Belief(a, self._left(state, a), each, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], belief: _Belief) -> bool:
         """Return whether windows are what was believed, within what was known."""
-        W = np.concatenate([one.W / belief.lasting[:, None] for one in windows])
-        r = W @ belief.left[:-1] + np.concatenate([one.y / belief.lasting for one in windows])
-        A = W @ belief.slopes
+        rows = [part / size for part, size in zip(self._each(windows), belief.lasting, strict=True)]
+        r = np.concatenate([part @ w for part, w in zip(rows, belief.left, strict=True)])
+        A = np.concatenate([part @ L for part, L in zip(rows, belief.slopes, strict=True)])
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
     def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
@@ -684,7 +719,8 @@ class Estimator:
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
         """Return the robot with parameters (p) and the load."""
-        robot = self.dynamics.robot(-self._left(state, a)[: self.dynamics.size], self.robot)
+        found = self._map(state.load, a) @ np.append(-a, 1.0)
+        robot = self.dynamics.robot(-found[: self.dynamics.size], self.robot)
         breakaway = robot.friction.breakaway.copy()
         breakaway[self._near] += a[len(a) - len(self._near) :]
         friction = replace(robot.friction, breakaway=breakaway)
