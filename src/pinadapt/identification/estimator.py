@@ -349,7 +349,8 @@ class Estimator:
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
         # under constraints fewer equations than joints are independent
-        free, _ = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
+        self._constraints = robot.constrained
+        free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
@@ -498,7 +499,7 @@ class Estimator:
             signs = np.sign(g[:, :bodies] @ self.dynamics.initial[:bodies] + g_0)
             signs *= np.tanh(v / robot.friction.threshold)
             F[near[:, None], self._carried] = (signs[:, None] * g[:, self._own])[near]
-        N = robot.constrained.free(q, v)[0] if robot.constraints else 1.0
+        N = self._constraints.free(q, v)[0] if robot.constraints else 1.0
         before, projection = (t, N) if last is None else (last.t, last.N[1])
         return _Rows(t, before, (projection, N), M, F)
 
