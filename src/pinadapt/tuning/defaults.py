@@ -135,13 +135,13 @@ def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
     return theta, LENGTH * deviation
 
 
-_PUBLISHED = 29.6648  # [rad/s m^0.5], of Wang and Xie's arm: 20 rad/s at a reach of 2.2 m
+_PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
 _LARGEST_STEP = 0.075  # bandwidth times sampling period; half: slow loops are half as fast
 
 
 def usual_bandwidth(robot: Robot, own: float | None = None) -> float:
     """Return the bandwidth [rad/s] at short periods: that of the law, None: by the reach."""
-    return _PUBLISHED / max(robot.reach, 1e-6) ** 0.5 if own is None else own
+    return _PUBLISHED * (_REACH / max(robot.reach, 1e-6)) ** 0.5 if own is None else own
 
 
 def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:

@@ -1,9 +1,8 @@
 """Filter settings for noisy sensors, and modifications of the adaptation.
 
 The settings follow from the noise of the joint velocity over the bandwidth, an angle sigma = (its
-standard deviation) / w. The numbers below are the settings at
-sigma = 1; at 5 mrad, about that of a differenced encoder of 14 bits a turn at 1 kHz, they are 7 w,
-2 w, 0.2 and 0.03 / s. The low pass of the velocity costs an error that
+standard deviation) / w. At sigma = ``_COARSE``, about that of a differenced encoder of 14 bits a
+turn at 1 kHz, the settings are the numbers below. The low pass of the velocity costs an error that
 falls with its bandwidth b, 1 / b, and one of the noise that it passes, sigma b^1/2: the sum is
 least at b proportional to sigma^-2/3. The others scale with the cube root of sigma, as the effect
 of noise on the estimates grows with the square of what passes.
@@ -25,9 +24,10 @@ from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from .defaults import typical_torques
 
+_COARSE = 5e-3  # [rad], at which the others are as stated
 # bandwidths, and share of the adaptation's mode; half: more lag, slower; twice: more noise passes
-_FILTER, _DECORRELATION, _MODE = 0.2047, 0.342, 0.0342
-_LEAK = 0.1754  # [1/s]; half: estimates drift twice as far; twice: they stay nearer to the start
+_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2
+_LEAK = 0.03  # [1/s]; half: estimates drift twice as far; twice: they stay nearer to the start
 # of the reach: accepted noise of the filtered position; half: a quarter of the low pass's bandwidth
 _FINEST = 1.5e-4
 
@@ -62,7 +62,7 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
     """
     found = NoiseSettings(kinematic=1.0 / quality.age if quality.age else math.inf)
     if quality.v > 0.0:
-        root = (quality.v / bandwidth) ** (1.0 / 3.0)
+        root = (quality.v / bandwidth / _COARSE) ** (1.0 / 3.0)
         found = found._replace(
             velocity=_FILTER * bandwidth / root**2,
             decorrelation=_DECORRELATION * bandwidth / root,

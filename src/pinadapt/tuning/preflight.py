@@ -35,6 +35,7 @@ from .defaults import bandwidth, frequency, quiet_start, usual_bandwidth
 # declared; half: links lighter than described swing; twice: default gains at long periods are half
 # as large
 _MARGIN, _SMALL_MARGIN = 2.0, 1.5
+_SLACK = 0.95  # of a share at the border of stability; 0.5: that share is halved
 _LEAST = 1e-6  # smallest share of a gain, and rounding of double roots; half, twice: the same
 _STABLE = 1.0 + _LEAST
 # of a robot's bandwidth, from which on a period is to blame; half: found at twice the period
@@ -184,10 +185,10 @@ def stable_share_of_feedback(
 
 
 def _stable_share(radius: Callable[[float], float]) -> float:
-    """Return the largest stable share; one if all is stable, or no share is."""
+    """Return the largest stable share with some slack; one if all is stable, or no share is."""
     if radius(1.0) <= _STABLE or radius(_LEAST) > _STABLE:
         return 1.0
-    return _largest(radius, 1.0)
+    return _SLACK * _largest(radius, 1.0)
 
 
 def _largest(radius: Callable[[float], float], start: float) -> float:
