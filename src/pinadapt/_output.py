@@ -261,7 +261,7 @@ def records_table(
     return Table(rows, [*texts, *there, last])
 
 
-class Sheet(NamedTuple):
+class Report(NamedTuple):
     """Tables below a common title.
 
     Attributes:
@@ -289,7 +289,7 @@ class Sheet(NamedTuple):
 class Printed:
     """A result that ``print`` and Jupyter show as its tables."""
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return the tables."""
         raise NotImplementedError
 

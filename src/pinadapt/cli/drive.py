@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import located
-from .._output import Sheet, Table
+from .._output import Report, Table
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
@@ -323,7 +323,7 @@ def replay(options: Namespace) -> int:
         for name, rms, most in zip(names, found.difference, largest, strict=True)
     ]
     header = ("[N m, N]", "difference, rms", "largest")
-    print(Sheet(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
+    print(Report(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
     if found.same:
         print("\nthe same torques, bit for bit")
     elif not options.set:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, instance, numbers, positive, whole
-from .._output import Printed, Sheet, Table
+from .._output import Printed, Report, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
@@ -297,7 +297,7 @@ class ExcitingMotion(Printed):
             "period": series.period,
         }
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return tables of limits and of parameters."""
         limits, found = self.limits, self.information
         rows = [
@@ -311,7 +311,7 @@ class ExcitingMotion(Printed):
         if not np.isfinite(limits.apart):
             note += " Nor are those with itself: the description has no collision geometry."
         tables = [Table(rows), limits.table(), parameter_table(found, self.units)]
-        return Sheet("Exciting motion", tables, note)
+        return Report("Exciting motion", tables, note)
 
 
 @dataclass(frozen=True, eq=False)

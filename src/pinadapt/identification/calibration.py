@@ -33,7 +33,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from .._checks import flag, name_list, positive, word
-from .._output import Printed, Sheet, Table, write_text
+from .._output import Printed, Report, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, rms, spread
@@ -157,7 +157,7 @@ class Calibration(Printed):
             "frame, of this robot, and timed on the clock of q? Are these enough frames?"
         )
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
         others = ", ".join(self.unidentified) or "-"
@@ -172,7 +172,7 @@ class Calibration(Printed):
         units = ["m" if ".shift" in name or name in slides else "rad" for name in self.names]
         found = estimate_table(self.names, self.estimate, self.deviations, units)
         title = f"{self.described.name}, calibrated from {self.source}"
-        return Sheet(title, [Table(summary), found], self.verdict)
+        return Report(title, [Table(summary), found], self.verdict)
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Sheet, Table, cell, html_page, whole_file, write_text
+from .._output import Printed, Report, Table, cell, html_page, whole_file, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -385,7 +385,7 @@ class Identification(Printed):
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
         return dict(plain(self._record))
 
-    def sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
+    def sheet(self, compared: Mapping[str, Robot] | None = None) -> Report:
         """Return the whole report, with the held-out errors of other models by name.
 
         Raises:
@@ -412,7 +412,7 @@ class Identification(Printed):
             if records:
                 tables.append(Table.of(records)._replace(title=part))
         title = f"{self.described.name}, identified from {self.log.source}"
-        return Sheet(title, tables, self.verdict)
+        return Report(title, tables, self.verdict)
 
     def _torque_table(self, compared: Mapping[str, Robot]) -> Table:
         """Return held-out errors of the torques, one row for each joint.

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._output import Printed, Sheet, Table, cell
+from .._output import Printed, Report, Table, cell
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..information.information import Information, rms
 from ..information.measured_motion import Averages
@@ -140,9 +140,9 @@ class TorqueCheck(Printed):
         """Return all numbers and words for a file."""
         return {"fits": self.fits, "verdict": self.verdict, **vars(self)}
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return table and verdict."""
-        return Sheet(f"torques of {self.source}", [self.table()], self.verdict)
+        return Report(f"torques of {self.source}", [self.table()], self.verdict)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

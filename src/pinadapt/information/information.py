@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import ROUNDING
-from .._output import Printed, Sheet, Table
+from .._output import Printed, Report, Table
 from ..controller.controller import Controller
 from ..controller.first_samples import CERTAIN as CERTAIN
 from ..controller.learned import AlongExcited
@@ -354,14 +354,14 @@ class Excitation(Printed):
     kinematic: Information
     units: Mapping[str, str]
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
         tables = [parameter_table(part, self.units) for part in seen.values()]
         overview = overview or [("nothing", "was adapted")]
-        return Sheet("Excitation", [Table(overview), *tables])
+        return Report("Excitation", [Table(overview), *tables])
 
 
 def parameter_table(part: Information, units: Mapping[str, str]) -> Table:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from .._output import Printed, Sheet, Table
+from .._output import Printed, Report, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
@@ -86,10 +86,10 @@ class PayloadEstimate(Printed):
         """
         return Payload(self.mass, self.com, self.inertia)
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return the table, and what the load accounts for."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
-        return Sheet("Load", [self.table()], note)
+        return Report("Load", [self.table()], note)
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .._output import Printed, Sheet, Table
+from .._output import Printed, Report, Table
 from ..exceptions import LogError
 from ..models.camera_kinematics import CameraKinematics
 from ..models.projected_kinematics import OFF
@@ -73,7 +73,7 @@ class FoundTracker(Printed):
         """``a_k`` and ``information_k`` for ``simulate(..., start=...)`` or ``Controller.init``."""
         return {"a_k": self.a_k, "information_k": self.information}
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return the table."""
         placement, a = self.tracker.placement, self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
@@ -84,7 +84,7 @@ class FoundTracker(Printed):
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
         found = estimate_table(self.names, values, self.deviations, units)
-        return Sheet("tracker", [Table(summary), found])
+        return Report("tracker", [Table(summary), found])
 
 
 def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> FoundTracker:

@@ -32,7 +32,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._checks import instance, positive, vector, word
-from .._output import Sheet, Table
+from .._output import Report, Table
 from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
 from ..controller.sensing import LASTS
@@ -156,7 +156,7 @@ class RunResult:
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
-        return str(Sheet(f"loop, {self.reason}", [histogram, Table(rows)]))
+        return str(Report(f"loop, {self.reason}", [histogram, Table(rows)]))
 
 
 class _Ramp(TimeLaw):

@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, whole
-from .._output import Sheet, Table, write_text
+from .._output import Report, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
     chain_joints,
@@ -491,7 +491,7 @@ class Visual:
         return type(self), (self.read, self.whole, self.keep, self.q_reference, self.before)
 
 
-def robot_sheet(robot: Robot) -> Sheet:
+def robot_sheet(robot: Robot) -> Report:
     """Return the tables of a robot: its data, and its joints with home and limits."""
     words = [
         ("frame", ", ".join(robot.frames) + (", floating base fixed" if robot.welded else "")),
@@ -511,7 +511,7 @@ def robot_sheet(robot: Robot) -> Sheet:
         (name, *(f"{x:.4g}" if np.isfinite(x) else "-" for x in (home, *row)), _UNITS[slide])
         for (name, slide), *row, home in columns
     ]
-    return Sheet(f"{robot.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
+    return Report(f"{robot.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
 
 
 # A load is picked up or put down, a tool is exchanged

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._checks import instance, positive
-from .._output import Sheet
+from .._output import Report
 from ..controller.learned import AlongExcited, LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
@@ -74,16 +74,16 @@ class Rollout(Recording):
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
-        return str(self._sheet())
+        return str(self._report())
 
     def __repr__(self) -> str:
         """Return title and verdict."""
         return f"{self.title}: {self.verdict}"
 
     def _repr_html_(self) -> str:
-        return self._sheet().html()
+        return self._report().html()
 
-    def _sheet(self) -> Sheet:
+    def _report(self) -> Report:
         return summary.sheet(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from .._output import Sheet, Table, as_json, percent, read_as_data, short, whole_file, write_json
+from .._output import Report, Table, as_json, percent, read_as_data, short, whole_file, write_json
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -99,7 +99,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     }
 
 
-def sheet(run: Recording, numbers: Numbers) -> Sheet:
+def sheet(run: Recording, numbers: Numbers) -> Report:
     """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
     shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
     cells = [
@@ -132,7 +132,7 @@ def sheet(run: Recording, numbers: Numbers) -> Sheet:
     bridged = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
     if bridged:
         rows.append(("samples bridged by prediction", ", ".join(bridged)))
-    return Sheet(run.title, [Table(rows)])
+    return Report(run.title, [Table(rows)])
 
 
 def _size(value: float | None, shown: Display) -> str:

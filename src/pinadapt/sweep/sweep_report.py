@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Sheet, Table, html_page, percent, write_json, write_text
+from .._output import Report, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
@@ -205,7 +205,7 @@ class SweepReport:
         columns, table = ["case", *self.parameters, *names], self.table.rows()
         return Table([[cell(table[i][name]) for name in columns] for i in rows], columns, title)
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> Report:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
         tables, chosen = [], self.lost
         if self.results:
@@ -220,7 +220,7 @@ class SweepReport:
         if self.folder is not None and chosen:
             number = self.table["case"][chosen[0]]
             note += f" Run a case alone: pinadapt sweep {self.folder} --case {number}"
-        return Sheet(self.title, tables, note)
+        return Report(self.title, tables, note)
 
     def page(self) -> str:
         """Return the report as one page without external resources."""

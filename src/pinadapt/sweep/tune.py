@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .._checks import LARGEST, optional, positive, whole
-from .._output import Record, Sheet, Table, percent
+from .._output import Record, Report, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
@@ -63,7 +63,7 @@ class Tuned:
         header = ["gains", "in the search", "on other seeds", "success on other seeds"]
         chosen = [(key, f"{value}") for key, value in numbers["gains"].items()]
         tables = [Table(rows, header), Table(chosen)]
-        return str(Sheet(numbers["objective"], tables, numbers["verdict"]))
+        return str(Report(numbers["objective"], tables, numbers["verdict"]))
 
 
 def tune(
