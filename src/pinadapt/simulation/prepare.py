@@ -76,12 +76,11 @@ def findings(
         actuators: of the true robot; None: as the controller has them declared.
     """
     quality = sensors.quality(true.model.nv, dt)
-    found, held = preflight(controller, dt, actuators), None
+    found = [*preflight(controller, dt, actuators), *sensor_findings(controller, quality)]
+    held = None
     if motors is not None and controller.compensation is None:
         held = overloaded(true, motors)
-    words = [str(finding) for finding in found if not (held and finding.part == "motors")]
-    words += map(str, sensor_findings(controller, quality))
-    return words if held is None else [*words, held]
+    return [*map(str, found), *([] if held is None else [held])]
 
 
 def usable_trajectory(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isinf
@@ -28,7 +29,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Sensors
 from ..robot.changes import Load, Payload
-from ..robot.motors import Actuators, Compensation, compensation_of
+from ..robot.motors import Actuators, Compensation, compensation_of, overloaded
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
 from .defaults import bandwidth, elastic_mode, feedback_lag
@@ -213,6 +214,10 @@ def make_controller(
     if not isinstance(adaptation, Adaptation) and rates["gamma_d"] is rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
+    if applied.torque is not None and compensation is None:
+        held = overloaded(robot, applied.torque, "the model")
+        if held is not None:
+            warnings.warn(held, stacklevel=2)
     return controller
 
 

@@ -27,7 +27,7 @@ from ..laws.fast_feedback import FastFeedback
 from ..laws.law import Feedback
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
-from ..robot.motors import Actuators, JointActuators, overloaded
+from ..robot.motors import Actuators, JointActuators
 from ..robot.workspace import rounded_down
 from .defaults import bandwidth, frequency, quiet_start, usual_bandwidth
 
@@ -74,7 +74,7 @@ class Finding:
 def preflight(
     controller: Controller, dt: float, actuators: Actuators | None = None
 ) -> list[Finding]:
-    """Return what is too fast at the period dt [s], too slow or too weak; empty if all is well.
+    """Return what is too fast at the period dt [s], or too slow; empty if all is well.
 
     A controller put together by hand, without the typical motion that ``make_controller`` gives it,
     is not checked. If the damping of the feedback alone is too fast for dt, only the feedback is
@@ -108,10 +108,6 @@ def preflight(
             f"slow to follow much: take dt <= {rounded_down(longest):.2g} s."
         )
         findings.append(Finding("bandwidth", words, longest))
-    limits = controller.limits.torque
-    if limits is not None and controller.compensation is None:
-        held = overloaded(robot, limits, "the model")
-        findings += [] if held is None else [Finding("motors", held)]
     return findings
 
 
