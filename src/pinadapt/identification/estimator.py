@@ -273,6 +273,7 @@ class Estimator:
             InputError: words that cannot be used, or parameters that are not of bodies.
         """
         self.robot = instance(robot, Robot, "robot").undrawn()
+        self._constraints = robot.constrained
         self.length = max(LENGTH, FEWEST * positive(period, "period"))
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
@@ -349,7 +350,6 @@ class Estimator:
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
         # under constraints fewer equations than joints are independent
-        self._constraints = robot.constrained
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         moving = np.isin(robot.joint_names, joints)
