@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,6 +78,7 @@ class ConstraintForces:
         """
         self.constraints, self._motors = robot.constrained, robot.motors
         self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
+        self._pyramids = [_pyramid(part) for part in self._contacts]
         self._efforts = [f"effort of {name}" for name in np.array(robot.joint_names)[self._motors]]
         self._solver: Any = None
         if self._contacts:
@@ -125,36 +127,41 @@ class ConstraintForces:
             H = A * self._mobilities
             wanted = wanted + A.T @ np.linalg.solve(H @ A.T, H @ disturbance)
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
-        k, m, slack = len(A), len(idle), np.zeros(0)
-        H, g = own.T @ own + _FORCES * np.eye(k), -own.T @ asked
-        equal, right = self.constraints.squeezes(k)
-        equal, right = np.vstack([idle, equal]), np.append(wanted[~motors], right)
+        chosen, squeezes = self.constraints.squeezes(len(A))
+        # forces, and with a solver what is missed where there is no motor
+        k, m, rest = len(A), 0 if self._solver is None else len(idle), len(idle)
+        H = np.diag(np.repeat((_FORCES, _SLACK), (k, m)))
+        g, equal = np.zeros(k + m), np.zeros((rest + len(chosen), k + m))
+        H[:k, :k] += own.T @ own
+        g[:k] = -asked @ own
+        equal[:rest, :k], equal[rest:, :k], equal[:m, k:] = idle, chosen, np.eye(m)
+        right = np.concatenate([wanted[~motors], squeezes])
         if self._solver is None:
             KKT = np.block([[H, equal.T], [equal, np.zeros((len(equal), len(equal)))]])
-            f = np.linalg.solve(KKT, np.append(-g, right))[:k]
-        else:  # with what is missed as further unknowns
-            H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
-            g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([equal, np.eye(len(equal), m)])
+            x = np.linalg.solve(KKT, np.append(-g, right))[:k]
+        else:
             cones = self._cones(len(every))[:, kept]
-            C = np.zeros((len(cones) + len(own), k + m))
-            C[: len(cones), :k], C[len(cones) :, :k] = cones, own
-            low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
-            high = np.concatenate([np.full(len(cones), _NONE), asked + self._limits])
+            n = len(cones)
+            C, low = np.zeros((n + len(own), k + m)), np.zeros(n + len(own))
+            high = np.full(n + len(own), _NONE)
+            C[:n, :k], C[n:, :k] = cones, own
+            low[n:], high[n:] = asked - self._limits, asked + self._limits
             solve = self._solver.dense.solve
             found = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS)
-            f, slack, at = found.x[:k], found.x[k:], C @ found.x
-            pressed = np.abs(found.z) if found.z.any() else np.maximum(low - at, at - high)
-        needed, torque, forces = asked - own @ f, np.zeros(wanted.size), np.zeros(len(every))
-        torque[motors] = given = np.clip(needed, -self._limits, self._limits)
-        forces[kept] = f
-        size = float(np.linalg.norm(np.append(slack, needed - given)))
-        if not size > _MISSED * np.linalg.norm(wanted):
+            x = found.x
+        needed, torque, forces = asked - own @ x[:k], np.zeros(wanted.size), np.zeros(len(every))
+        torque[motors] = given = np.minimum(np.maximum(needed, -self._limits), self._limits)
+        forces[kept], beyond, slack = x[:k], needed - given, x[k:]
+        size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
+        if not size > _MISSED * math.sqrt(wanted.dot(wanted)):
             return Solution(torque, forces, Missed())
-        if self._solver is None:
-            pressed = np.abs(needed - given)
-        limits = [f"contact of {part.frame}" for part in self._contacts for _ in _pyramid(part)]
-        cause = [*limits, *self._efforts][int(pressed.argmax())]
-        return Solution(torque, forces, Missed(size, cause))
+        pressed, names = np.abs(beyond), self._efforts
+        if self._solver is not None:
+            at = C @ x
+            pressed = np.abs(found.z) if found.z.any() else np.maximum(low - at, at - high)
+            pyramids = zip(self._contacts, self._pyramids, strict=True)
+            names = [f"contact of {part.frame}" for part, rows in pyramids for _ in rows] + names
+        return Solution(torque, forces, Missed(size, names[int(pressed.argmax())]))
 
     def of_contacts(self, forces: np.ndarray) -> np.ndarray:
         """Return forces [N] and torques [N m] on the contacts' frames (c, 6), in world axes."""
@@ -168,8 +175,8 @@ class ConstraintForces:
         The contacts are the last of the constraints.
         """
         rows, first = [], k - sum(contact.size for contact in self._contacts)
-        for contact in self._contacts:
-            own, last = _pyramid(contact), first + contact.size
+        for contact, own in zip(self._contacts, self._pyramids, strict=True):
+            last = first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
                 own = own @ np.kron(np.eye(2), self.constraints.axes(contact).T)
             rows.append(np.zeros((len(own), k)))
