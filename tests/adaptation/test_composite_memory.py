@@ -178,6 +178,23 @@ def test_data_fade_as_they_are_contradicted_at_most_at_the_bandwidth(contradicti
     assert {0.0: mu < 2e-3, 1e3: 9.9 < mu < 10.0}.get(contradiction, 2e-3 < mu < 10.0), mu
 
 
+def test_memory_forgets_only_contradicted_data():
+    adaptation, estimate, truth = remembering(rate=6.0, forgetting=2.0)
+    unforgetting, never, _ = remembering(rate=6.0)
+    information = lambda one: np.trace(one.memory[0][:-1, :-1])  # noqa: E731
+    rng, dt, sizes = np.random.default_rng(3), 1e-3, []
+    for k in range(2500):
+        W = rng.standard_normal((2, 6))
+        now = truth if k < 1000 else truth + 1.0
+        estimate = adaptation.step(estimate, shown(now, W, estimate), dt)
+        never = unforgetting.step(never, shown(now, W, never), dt)
+        sizes.append(information(estimate) / information(never))
+    assert sizes[999] > 0.98
+    assert min(sizes[1000:]) < 0.1
+    assert np.abs(estimate.value - truth - 1.0).max() < 0.02
+    assert np.abs(never.value - truth - 1.0).max() > 0.3
+
+
 def predicting(W, y, estimate, Y=None, e=None):
     """Return the drive of a prediction error, W (n, p) and y (n), beside that of a tracking one."""
     Y = np.zeros((1, estimate.value.size)) if Y is None else Y

@@ -138,17 +138,16 @@ def test_the_platform_of_a_delta_does_not_turn():
 
 
 @pytest.mark.parametrize("make", [gripper, five_bar, delta])
-@pytest.mark.parametrize(("adaptation", "off"), [("natural", 1e-8), ("natural-memory", 4e-6)])
-def test_lyapunov_equality_under_constraints(make, adaptation, off):
-    """Differences of V are further off with a memory, which fills within few samples."""
+@pytest.mark.parametrize("adaptation", ["natural", "natural-memory"])
+def test_lyapunov_equality_under_constraints(make, adaptation):
+    """Differences of V are further off while a memory fills; half the period: a thirteenth."""
     robot = make()
     options = {"unknown": RIGID, "gamma_d": 20.0, "adaptation": adaptation}
-    options |= {"limits": pa.Limits(guards=False)}
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
     x = robot.position(robot.q0)
     path = pa.trajectories.Sinusoid(x, 0.02 * np.ones(x.size), 1.0 + 0.1 * np.arange(x.size))
-    energy = energy_along(robot, controller, path, seconds=6e-3, dt=1e-4)
-    assert energy.mismatch(after=20) <= off
+    energy = energy_along(robot, controller, path, seconds=4e-3, dt=5e-5)
+    assert energy.mismatch(after=40) <= 1e-7
 
 
 @pytest.mark.slow

@@ -57,7 +57,7 @@ def test_the_rows_are_those_of_identify():
     log, robot = recorded("ur5", duration=2.0, dt=2e-3), catalogue_robot("ur5")
     estimator = pa.Estimator(robot, pa.Unknown(friction=True), period=2e-3, held=False)
     found = []
-    estimator._judged = lambda state, window: (found.append(window), state)[1]
+    estimator._compare = lambda state, window: (found.append(window), state)[1]
     moved = motion_of_log(robot, log)
     run(estimator, *moved[:3], moved.tau)
     own = Windows.of(moved, Averages(moved.t, 2e-3), estimator.dynamics)
@@ -133,7 +133,7 @@ def test_a_push_is_not_a_load(direction):
         tau[k] -= J[:3].T @ direction
     estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
     states = run(estimator, t, q, v, tau)
-    assert max(len(state.aside) for state in states) > 5  # it was seen
+    assert max(len(state.pending) for state in states) > 5  # it was seen
     assert states[-1].accepted[0] == states[-1].accepted[1]
     assert abs(estimator.estimate(states[-1]).load.mass) < 0.02
 

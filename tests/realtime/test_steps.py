@@ -56,10 +56,12 @@ def test_a_new_motion_waits_until_all_feet_stand():
     robot, controller = crawler()
     arm = PlantArm(pa.plants.PinocchioPlant(robot), PERIOD)
     loop, m = Loop(arm, motion=Crawl().on(robot), of=controller).loop, arm.read()
-    loop._halted, loop._state = True, controller.init(m)._replace(stands=np.arange(4) > 0)
+    lifted = np.zeros((4, 3))
+    lifted[0] = np.nan
+    loop._halted, loop._state = True, controller.init(m)._replace(footing=lifted)
     with pytest.raises(pa.InputError, match="a foot is in the air"):
         loop._command("reference", Hold.of(robot.task, m))
-    loop._state = loop._state._replace(stands=None)
+    loop._state = loop._state._replace(footing=np.zeros((4, 3)))
     loop._command("reference", Hold.of(robot.task, m))
     assert not loop._halted
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
-from ..models.sums import sums_of
+from ..models.physical_fit import sums_of
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .least_squares import PredictionWeight
 

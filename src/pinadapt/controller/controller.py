@@ -435,7 +435,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path, stands=s.stands, missed=s.missed, footing=footing,
+            torque_filter, path, missed=s.missed, footing=footing,
         )  # fmt: skip
 
     def safe(

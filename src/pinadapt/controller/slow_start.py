@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ..adaptation.adaptation import Estimate, Frozen
 from ..adaptation.projections import BoxProjection
 from ..models.delay_compensation import SensedState
-from ..models.sums import sums_of
+from ..models.physical_fit import sums_of
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement

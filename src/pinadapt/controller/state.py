@@ -58,7 +58,6 @@ class ControllerState(NamedTuple):
         path: time of the path, where a governor may slow it, or where it had to wait for a
             ``SlowStart``; else None.
         start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
-        stands: (c) which of a robot's point contacts stand, as last desired; None: all.
         missed: what constraint forces could not give of the torque at the last sample.
         footing: (c, 3) where contacts stand [m], NaN in the air; see ``Constraints.footing``.
     """
@@ -74,7 +73,6 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
-    stands: np.ndarray | None = None
     missed: Missed = Missed()
     footing: np.ndarray = _NO_FOOTING
 
@@ -87,6 +85,12 @@ class ControllerState(NamedTuple):
     def a_k(self) -> np.ndarray:
         """The kinematic estimate (p_k) [m]."""
         return self.kinematic.value
+
+    @property
+    def stands(self) -> np.ndarray | None:
+        """Which point contacts (c) stand, as last desired; None: all contacts."""
+        air = np.isnan(self.footing[:, 0])
+        return ~air if air.any() else None
 
     @property
     def bridged(self) -> Bridged:

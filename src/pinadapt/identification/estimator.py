@@ -10,7 +10,7 @@ with what was learned adds its products W^T W to those of its joint, so that noi
 follow from all motion as they do offline, whenever they are asked for. Joints have all coefficients
 of ``Friction``, near those of the description.
 
-A window that disagrees is put aside. If those after it agree again it was a push; if all of them
+A window that disagrees is set aside. If those after it agree again it was a push; if all of them
 agree with another load, that is the load. A load is ten parameters of its own in the axes of the
 last body; products of windows with an earlier one are kept with it eliminated.
 """
@@ -35,6 +35,7 @@ from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
+from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
@@ -45,7 +46,7 @@ from .fits import FREE, LIGHT, WEIGHT, lasting_noise
 _SMOOTH = 0.05
 # [rad/s or m/s] of friction near rest; half and twice: that of a UR10 is 3 and 7 % larger
 FADING = 0.1
-# Windows of a load before it is believed, longer than a push of half a second; half: believed after
+# Windows of a load before it is accepted, longer than a push of half a second; half: accepted after
 # 0.5 s in place of 0.9, and such a push may be; twice: after more than a second.
 _LOADED = 12
 _EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
@@ -96,7 +97,7 @@ class _Rows(NamedTuple):
     F: np.ndarray
 
 
-class _Belief(NamedTuple):
+class _Prediction(NamedTuple):
     """What new windows are compared with.
 
     Attributes:
@@ -131,8 +132,8 @@ class EstimatorState(NamedTuple):
         accepted: windows, those of them with the present load, and refused since the last
             one was accepted.
         recent: the last accepted windows.
-        aside: windows that disagree.
-        belief: what windows are compared with; None at first.
+        pending: windows that disagree.
+        prediction: what windows are compared with; None at first.
         load: (10) centre of what may be carried; None: surely nothing.
     """
 
@@ -146,8 +147,8 @@ class EstimatorState(NamedTuple):
     left: np.ndarray
     accepted: tuple[int, int, int]
     recent: tuple[Window, ...]
-    aside: tuple[Window, ...]
-    belief: _Belief | None
+    pending: tuple[Window, ...]
+    prediction: _Prediction | None
     load: np.ndarray | None
 
     @property
@@ -210,13 +211,9 @@ class Estimate:
             body = chain.inertias[i]
             if chain.existFrame(label):
                 body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
-            moments, axes = np.linalg.eigh(body.inertia)
-            axes[:, 0] *= np.linalg.det(axes)
             model.body_mass[model.body_weldid == at] = 0.0
             model.body_inertia[model.body_weldid == at] = 0.0
-            model.body_mass[at], model.body_ipos[at] = body.mass, body.lever
-            model.body_inertia[at] = moments
-            model.body_iquat[at] = np.roll(pin.Quaternion(axes).coeffs(), 1)
+            write_inertia(model, at, body)
             if joint is not None:
                 dof = joint.dofadr[0]
                 model.dof_armature[dof] = chain.armature[i - 1]
@@ -319,7 +316,7 @@ class Estimator:
             *breakaways,
         )
         p = len(self.names)
-        # [W y] B are the equations in the parameters, those of the load aside
+        # [W y] B are the equations in the parameters, except those of the load
         self._B = np.zeros((self._columns + 1, p + 1))
         rest = np.delete(np.arange(p - len(near)), self._load)
         self._B[kept, rest] = 1.0
@@ -373,7 +370,7 @@ class Estimator:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
         nothing = EstimatorState((), first.t, sums, None, load=self._usual, **self._nothing)
-        state = self._with(nothing, first)
+        state = self._advance(nothing, first)
         return state if payload is None else self.announce(state, payload)
 
     @property
@@ -387,8 +384,8 @@ class Estimator:
             "left": np.zeros(n),
             "accepted": (0, 0, 0),
             "recent": (),
-            "aside": (),
-            "belief": None,
+            "pending": (),
+            "prediction": None,
         }
 
     def announce(self, state: EstimatorState, payload: Payload | None) -> EstimatorState:
@@ -405,11 +402,11 @@ class Estimator:
         # no window holds both loads
         state = state._replace(samples=state.samples[-1:], last=None)
         if payload is None:
-            return self._changed(state, self._usual)
+            return self._begin_load(state, self._usual)
         placement = self.robot.model.frames[self.robot.frame_id].placement
         load = placement.act(payload.spatial_inertia()).toDynamicParameters()
         load = nearest_physical(load, least_radius=LOAD * self.robot.reach)
-        return self._changed(state, load if payload.present else None)
+        return self._begin_load(state, load if payload.present else None)
 
     def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
         """Return the state after a sample.
@@ -423,9 +420,9 @@ class Estimator:
             raise ImplausibleError("t", now.t, f"is not after the last sample's, {state.t:g} s")
         if now.t - state.t > 2.0 * self.length / FEWEST:
             state = state._replace(samples=(), last=None)
-        return self._with(state, now)
+        return self._advance(state, now)
 
-    def _with(self, state: EstimatorState, sample: Measurement) -> EstimatorState:
+    def _advance(self, state: EstimatorState, sample: Measurement) -> EstimatorState:
         """Return the state after a sample that was checked."""
         samples, last = (*state.samples, sample)[-self._count :], state.last
         state = state._replace(samples=samples)
@@ -457,7 +454,7 @@ class Estimator:
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
         )
         moved = (speed[:, 0] > self._still).any()
-        return self._judged(state, found) if moved else state
+        return self._compare(state, found) if moved else state
 
     def _checked(self, measurement: Measurement) -> Measurement:
         """Return a measurement as arrays of finite floats."""
@@ -503,27 +500,27 @@ class Estimator:
         before, projection = (t, N) if last is None else (last.t, last.N[1])
         return _Rows(t, before, (projection, N), M, F)
 
-    def _judged(self, state: EstimatorState, found: Window) -> EstimatorState:
-        """Return the state after a window, accepted or put aside."""
-        belief = state.belief
-        if belief is None or (not state.aside and self._agree([found], belief)):
-            return self._accepted(state, [found])
+    def _compare(self, state: EstimatorState, found: Window) -> EstimatorState:
+        """Return the state after a window, added or set aside."""
+        prediction = state.prediction
+        if prediction is None or (not state.pending and self._agree([found], prediction)):
+            return self._add(state, [found])
         total, present, refused = state.accepted
-        aside = (*state.aside, found)
-        state = state._replace(aside=aside[-_LOADED:], accepted=(total, present, refused + 1))
-        latest = list(aside[-OVERLAP:])
-        if len(aside) > OVERLAP and self._agree(latest, belief):  # it was a push
-            return self._accepted(state._replace(aside=()), latest)
-        later = aside[OVERLAP:]
-        if len(aside) >= _LOADED:
-            other = self._changed(state, self._usual)
-            if other.belief is not None and self._agree(later, other.belief):
-                return self._accepted(other, later)
+        pending = (*state.pending, found)
+        state = state._replace(pending=pending[-_LOADED:], accepted=(total, present, refused + 1))
+        latest = list(pending[-OVERLAP:])
+        if len(pending) > OVERLAP and self._agree(latest, prediction):  # it was a push
+            return self._add(state._replace(pending=()), latest)
+        later = pending[OVERLAP:]
+        if len(pending) >= _LOADED:
+            other = self._begin_load(state, self._usual)
+            if other.prediction is not None and self._agree(later, other.prediction):
+                return self._add(other, later)
         if refused >= total:  # what was learned is contradicted for longer than it was supported
-            return self._accepted(state._replace(**self._nothing), later)
+            return self._add(state._replace(**self._nothing), later)
         return state
 
-    def _accepted(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
+    def _add(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
         """Return the state that learned from windows."""
         each, level = zip(state.products, self._each(windows), strict=True), state.level
         for one in windows:
@@ -535,17 +532,17 @@ class Estimator:
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
-        learned = state.accepted[0] - (0 if state.belief is None else state.belief.windows)
+        learned = state.accepted[0] - (0 if state.prediction is None else state.prediction.windows)
         if learned < max(_EVERY, state.accepted[1] // _EVERY):
             return state
-        return state._replace(belief=self._believed(state))
+        return state._replace(prediction=self._predict(state))
 
-    def _changed(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
+    def _begin_load(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
         past, left = state.past, state.left
         if state.accepted[1]:
-            belief = state.belief or self._believed(state)
-            M = self._products(state, belief.lasting, belief.a)
+            prediction = state.prediction or self._predict(state)
+            M = self._products(state, prediction.lasting, prediction.a)
             if state.load is not None:
                 known = np.linalg.inv(self._T[self._load, self._load])
                 known = np.column_stack([known, known @ state.load])
@@ -557,17 +554,17 @@ class Estimator:
                 M -= cross.T @ np.linalg.solve(inner, cross)
             M[self._carried], M[:, self._carried] = 0.0, 0.0
             past = past + M
-            left = left + self._squares(state, belief.a)
+            left = left + self._squares(state, prediction.a)
         state = state._replace(
             products=self._nothing["products"],
             past=past,
             left=left,
             accepted=(state.accepted[0], 0, 0),
             recent=(),
-            aside=(),
+            pending=(),
             load=load,
         )
-        return state._replace(belief=self._believed(state)) if state.belief else state
+        return state._replace(prediction=self._predict(state)) if state.prediction else state
 
     def _map(self, load: np.ndarray | None, a: np.ndarray | None = None) -> np.ndarray:
         """Return B: [W y] B are the equations in the parameters, linearised at a (p).
@@ -660,30 +657,30 @@ class Estimator:
         left = np.column_stack([rows @ w for rows, w in each])
         return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
 
-    def _believed(self, state: EstimatorState) -> _Belief:
+    def _predict(self, state: EstimatorState) -> _Prediction:
         """Return the estimate of least squares near the description, with its covariance."""
-        center, before = self._prior(state).center, state.belief
+        center, before = self._prior(state).center, state.prediction
         T = self._T
         a, fitted = center if before is None else before.a, 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
             X = _inverse(M[:-1, :-1], T)
-            a = self._bounded(
-                center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center))))
-            )
+            a = self._bound(center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center)))))
             fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
         X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
         slopes, gears = B[:, :-1] @ T @ X, self._gears(state, a)
         each = [S @ slopes[at] for at, S in zip(self._places, gears, strict=True)]
-        return _Belief(a, self._left(state, a), each, noise, lasting, state.accepted[0])
+        return _Prediction(a, self._left(state, a), each, noise, lasting, state.accepted[0])
 
-    def _agree(self, windows: Sequence[Window], belief: _Belief) -> bool:
-        """Return whether windows are what was believed, within what was known."""
-        rows = [part / size for part, size in zip(self._each(windows), belief.lasting, strict=True)]
-        r = np.concatenate([part @ w for part, w in zip(rows, belief.left, strict=True)])
-        A = np.concatenate([part @ L for part, L in zip(rows, belief.slopes, strict=True)])
+    def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
+        """Return whether windows are as predicted, within what is known of the parameters."""
+        rows = [
+            part / size for part, size in zip(self._each(windows), prediction.lasting, strict=True)
+        ]
+        r = np.concatenate([part @ w for part, w in zip(rows, prediction.left, strict=True)])
+        A = np.concatenate([part @ L for part, L in zip(rows, prediction.slopes, strict=True)])
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
     def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
@@ -695,10 +692,10 @@ class Estimator:
         """
         physical = self._prior(state)
         a, start = (physical.center, None) if near is None else (near.a, near.a)
-        noise = self._noise(state, a, 0.0) if state.belief is None else state.belief.noise
+        noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
         for _ in range(_ROUNDS):
             rows = _rows(self._equations(state, noise, a))
-            a = start = self._bounded(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
+            a = start = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
             noise = self._noise(state, a, 0.0)
         T, _ = physical.local(a)
         M = self._equations(state, noise * self._lasting(state, a), a)
@@ -727,7 +724,7 @@ class Estimator:
         friction = replace(robot.friction, breakaway=breakaway)
         return replace(robot, friction=friction, loads=())
 
-    def _bounded(self, a: np.ndarray) -> np.ndarray:
+    def _bound(self, a: np.ndarray) -> np.ndarray:
         """Return parameters (p) with friction near rest that is not negative."""
         first = len(a) - len(self._near)
         return np.append(a[:first], np.maximum(a[first:], -1.0))

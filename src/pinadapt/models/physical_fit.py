@@ -208,6 +208,17 @@ def square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R[: A.shape[1], :-1], R[: A.shape[1], -1]
 
 
+def sums_of(W: np.ndarray, y: np.ndarray, R: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return [W y]^T R [W y] (p + 1, p + 1) of rows W (n, p) and y (n), which add up over time.
+
+    The first p rows are the normal equations A a = b, A the information. R is the weight, one
+    number or (n, n). Other data with the best value a and the information A have the rows W = 1,
+    y = a, with R = A.
+    """
+    rows = np.column_stack([W, y])
+    return np.asarray(rows.T.dot(R).dot(rows))
+
+
 def _newton(
     R: np.ndarray,
     z: np.ndarray,

@@ -254,12 +254,7 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
-        body = chain.inertias[i]
-        moments, axes = np.linalg.eigh(body.inertia)
-        if np.linalg.det(axes) < 0.0:
-            axes[:, 0] *= -1.0
-        write_place(pin.SE3(axes, body.lever), model.body_ipos[i], model.body_iquat[i])
-        model.body_mass[i], model.body_inertia[i] = body.mass, moments
+        write_inertia(model, i, chain.inertias[i])
     for name in robot.frames:
         site = int(model.site(name).id)
         placement = chain.frames[frame_id(chain, name)].placement
@@ -270,6 +265,15 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     model.opt.gravity[:] = chain.gravity.linear
     mj.mj_setConst(model, mj.MjData(model))
     _soften(model, robot)
+
+
+def write_inertia(model: mujoco.MjModel, body: int, inertia: pin.Inertia) -> None:
+    """Write the inertia of a body, in the body's axes, into a model."""
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    write_place(pin.SE3(axes, inertia.lever), model.body_ipos[body], model.body_iquat[body])
+    model.body_mass[body], model.body_inertia[body] = inertia.mass, moments
 
 
 def _soften(model: mujoco.MjModel, robot: Robot) -> None:
