@@ -48,7 +48,8 @@ def test_a_franka_is_told_its_load(tmp_path):
         load, before, after = example("franka_load").run(server.address, tmp_path / "fr3.urdf")
     finally:
         server.close()
-    assert MASS < load.mass < 1.5 * MASS  # links of the server's arm are not those of its URDF
+    # least squares on the same samples finds it exactly: the estimate is a third too heavy, see limits
+    assert MASS < load.mass < 1.5 * MASS
     assert after[3000:].max() < 0.9 * before[3000:].max()
 
 
