@@ -1,5 +1,6 @@
 """Robots that stand: regressors and Jacobians of the tree, forces, V, loads found in MuJoCo."""
 
+import pickle
 from itertools import islice
 
 import numpy as np
@@ -184,6 +185,43 @@ def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
     blind = forces.solve(robot.q0, g - seen).torque
     off, blindly_off = (np.abs(each - truth).max() for each in (found, blind))
     assert off < 0.3 * blindly_off
+
+
+def test_a_foot_in_the_air_bears_no_force():
+    robot = standing("a1")
+    forces, stands = ConstraintForces(robot, None), np.array([True, True, False, True])
+    A, _ = Constraints(robot.model, robot.constraints).at(robot.q0, np.ones(18))
+    assert np.allclose(forces.constraints.jacobian(robot.q0), A, atol=1e-15)
+    own = 30.0 * np.outer([1.0, 2.0, 0.0, 1.0], [0.1, -0.1, 1.0])  # of three feet [N]
+    for disturbance in (None, 0.1 * A.T @ own.ravel()):
+        torque, f, missed = forces.solve(robot.q0, A.T @ own.ravel(), stands, disturbance)
+        assert not missed.size and np.abs(f.reshape(4, 3)[2]).max() < 1e-9
+        assert np.abs(torque).max() < 30.0
+
+
+def test_what_constraints_leave_is_known_where_their_rows_depend_on_each_other():
+    robot = standing("talos")
+    twice = Constraints(robot.model, [*robot.constraints, robot.constraints[0]])
+    v = np.random.default_rng(0).standard_normal(robot.model.nv)
+    for given, own in zip(
+        twice.free(robot.q0, v), robot.constrained.free(robot.q0, v), strict=True
+    ):
+        assert np.allclose(given, own, atol=1e-10)
+
+
+def test_a_copy_of_a_controller_that_stands_gives_the_same_torque():
+    robot = standing("a1")
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    other = pickle.loads(pickle.dumps(controller))
+    plant = pa.plants.PinocchioPlant(robot)
+    measurement = plant.measurement(robot.q0, np.zeros(18))
+    sway = PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 2e-3, 1.0), None)
+    desired = sway.starting_at(robot.position(robot.q0)).at(0.0)
+    torques = [
+        each.step(each.init(measurement), measurement, desired, 1e-3)[0]
+        for each in (controller, other)
+    ]
+    assert np.array_equal(*torques)
 
 
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():

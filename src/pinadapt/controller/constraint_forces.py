@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import optional
+from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError, RobotError
-from ..robot.constraints import Contact
+from ..robot.constraints import Constraints, Contact
 from ..robot.robot import Robot
 
 # weight of squared forces [m^2], for a unique choice; half or double: the torques change by 1e-6
@@ -69,27 +70,29 @@ class ConstraintForces:
         constraints: of the robot.
     """
 
-    def __init__(self, robot: Robot, limits: np.ndarray | None) -> None:
+    def __init__(
+        self, robot: Robot, limits: np.ndarray | None, constraints: Constraints | None = None
+    ) -> None:
         """Take a robot with constraints, and limits of the torques (n) [N m or N] or None.
+
+        ``constraints`` are its own with the scratch to use, or None.
 
         Raises:
             RobotError: the constraints leave a motion that no motor moves.
             InputError: the solver is not installed.
         """
-        self.constraints, self._motors = robot.constrained, robot.motors
-        self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
-        self._pyramids = [_pyramid(part) for part in self._contacts]
-        self._efforts = [f"effort of {name}" for name in np.array(robot.joint_names)[self._motors]]
-        self._solver: Any = None
+        self.constraints = robot.constrained if constraints is None else constraints
+        n, self._contacts = robot.model.nv, robot.contacts
+        self._motors, self._idle = np.flatnonzero(robot.motors), np.flatnonzero(~robot.motors)
+        self._efforts = [f"effort of {robot.joint_names[i]}" for i in self._motors]
         if self._contacts:
-            self._solver = optional("proxsuite", "contacts", "contacts").proxqp
-        self._limits = np.full(int(self._motors.sum()), _NONE)
-        if limits is not None:
-            self._limits = np.minimum(limits[self._motors], _NONE)
+            _solver()
+        limits = np.full(n, _NONE) if limits is None else np.minimum(limits, _NONE)
+        self._limits = limits[self._motors]
         M = pin.crba(robot.model, robot.model.createData(), robot.q0)
         self._mobilities = 1.0 / np.diag(M)
-        A, _ = self.constraints.at(robot.q0, np.zeros(robot.model.nv))
-        idle = A[:, ~self._motors]
+        A, _ = self.constraints.at(robot.q0, np.zeros(n))
+        idle = A[:, self._idle]
         if np.linalg.matrix_rank(idle, tol=_LEAST * np.linalg.norm(idle)) < idle.shape[1]:
             raise RobotError(
                 "the constraints leave a motion that no motor moves.",
@@ -97,6 +100,23 @@ class ConstraintForces:
                 hint="A free base is held by one sole or three point feet, not in a line; joints "
                 "without a motor by loops, or lock them.",
             )
+        # what a sample does not change of the program: forces, and with a solver what is missed
+        # where there is no motor
+        k, rest = len(A), self._idle.size
+        m, squeezes = rest if self._contacts else 0, len(self.constraints.squeezes(k)[1])
+        self._H = np.diag(np.repeat((_FORCES, _SLACK), (k, m)))
+        self._equal = np.zeros((rest + squeezes, k + m))
+        self._equal[:m, k:] = np.eye(m)
+        self._cones = np.zeros((sum(len(_pyramid(part)) for part in self._contacts), k + m))
+        self._soles, first, row = list[tuple[Contact, np.ndarray, slice, slice]](), k, 0
+        first -= sum(part.size for part in self._contacts)  # the contacts come last
+        for part in self._contacts:
+            own = _pyramid(part)
+            rows, columns = slice(row, row + len(own)), slice(first, first + part.size)
+            self._cones[rows, columns] = own
+            if part.sole is not None:
+                self._soles.append((part, own, rows, columns))
+            row, first = rows.stop, columns.stop
 
     def solve(
         self,
@@ -118,49 +138,52 @@ class ConstraintForces:
         Raises:
             DivergedError: the wanted torque is not finite.
         """
-        if not np.isfinite(wanted).all():
+        if not math.isfinite(wanted.dot(wanted)):
             raise DivergedError("the torque is no longer finite.")
-        motors, every = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
-        kept = self.constraints.holding(stands)
-        A = every[kept]
+        A, holds = self.constraints.jacobian(q), self.constraints.holding(stands)
+        if stands is not None:  # no force of a foot in the air counts, so the least of all is none
+            A = A * holds[:, None]
         if disturbance is not None:
-            H = A * self._mobilities
-            wanted = wanted + A.T @ np.linalg.solve(H @ A.T, H @ disturbance)
-        own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
-        chosen, squeezes = self.constraints.squeezes(len(A))
-        # forces, and with a solver what is missed where there is no motor
-        k, m, rest = len(A), 0 if self._solver is None else len(idle), len(idle)
-        H = np.diag(np.repeat((_FORCES, _SLACK), (k, m)))
-        g, equal = np.zeros(k + m), np.zeros((rest + len(chosen), k + m))
-        H[:k, :k] += own.T @ own
-        g[:k] = -asked @ own
-        equal[:rest, :k], equal[rest:, :k], equal[:m, k:] = idle, chosen, np.eye(m)
-        right = np.concatenate([wanted[~motors], squeezes])
-        if self._solver is None:
-            KKT = np.block([[H, equal.T], [equal, np.zeros((len(equal), len(equal)))]])
-            x = np.linalg.solve(KKT, np.append(-g, right))[:k]
-        else:
-            cones = self._cones(len(every))[:, kept]
-            n = len(cones)
-            C, low = np.zeros((n + len(own), k + m)), np.zeros(n + len(own))
-            high = np.full(n + len(own), _NONE)
-            C[:n, :k], C[n:, :k] = cones, own
+            B = A * self._mobilities
+            gram, f = B.dot(A.T), B.dot(disturbance)
+            gram.flat[:: len(A) + 1] += ~holds
+            if kernels.solve_definite(gram, f):
+                wanted = wanted + f.dot(A)
+        own, idle = A.take(self._motors, axis=1).T, A.take(self._idle, axis=1).T
+        asked, k, rest = wanted[self._motors], len(A), len(idle)
+        H, g, equal = self._H.copy(), np.zeros(len(self._H)), self._equal.copy()
+        right = np.zeros(len(equal))
+        H[:k, :k] += own.T.dot(own)
+        g[:k], equal[:rest, :k], right[:rest] = -asked.dot(own), idle, wanted[self._idle]
+        if len(equal) > rest:
+            equal[rest:, :k], right[rest:] = self.constraints.squeezes(k)
+        if self._contacts:
+            C = np.concatenate([self._cones, np.zeros((len(own), len(H)))])
+            n = len(self._cones)
+            for part, pyramid, rows, columns in self._soles:  # stated in the axes of the sole
+                R = self.constraints.axes(part).T
+                C[rows, columns] = np.hstack([pyramid[:, :3] @ R, pyramid[:, 3:] @ R])
+            C[n:, :k], low, high = own, np.zeros(len(C)), np.full(len(C), _NONE)
             low[n:], high[n:] = asked - self._limits, asked + self._limits
-            solve = self._solver.dense.solve
+            solve = _solver().dense.solve
             found = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS)
             x = found.x
-        needed, torque, forces = asked - own @ x[:k], np.zeros(wanted.size), np.zeros(len(every))
-        torque[motors] = given = np.minimum(np.maximum(needed, -self._limits), self._limits)
-        forces[kept], beyond, slack = x[:k], needed - given, x[k:]
+        else:
+            KKT = np.block([[H, equal.T], [equal, np.zeros((len(equal), len(equal)))]])
+            x = np.linalg.solve(KKT, np.append(-g, right))[:k]
+        forces, slack, torque = x[:k], x[k:], np.zeros(wanted.size)
+        needed = asked - own.dot(forces)
+        torque[self._motors] = given = np.minimum(np.maximum(needed, -self._limits), self._limits)
+        beyond = needed - given
         size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
         if not size > _MISSED * math.sqrt(wanted.dot(wanted)):
             return Solution(torque, forces, Missed())
         pressed, names = np.abs(beyond), self._efforts
-        if self._solver is not None:
+        if self._contacts:
             at = C @ x
             pressed = np.abs(found.z) if found.z.any() else np.maximum(low - at, at - high)
-            pyramids = zip(self._contacts, self._pyramids, strict=True)
-            names = [f"contact of {part.frame}" for part, rows in pyramids for _ in rows] + names
+            names = [f"contact of {part.frame}" for part in self._contacts for _ in _pyramid(part)]
+            names += self._efforts
         return Solution(torque, forces, Missed(size, names[int(pressed.argmax())]))
 
     def of_contacts(self, forces: np.ndarray) -> np.ndarray:
@@ -169,19 +192,14 @@ class ConstraintForces:
         own = np.split(forces, ends[:-1])[len(ends) - len(self._contacts) :]
         return np.reshape([np.pad(each, (0, 6 - each.size)) for each in own], (-1, 6))
 
-    def _cones(self, k: int) -> np.ndarray:
-        """Return the rows (., k) that are positive for possible forces of contacts.
 
-        The contacts are the last of the constraints.
-        """
-        rows, first = [], k - sum(contact.size for contact in self._contacts)
-        for contact, own in zip(self._contacts, self._pyramids, strict=True):
-            last = first + contact.size
-            if contact.sole is not None:  # stated in the axes of the sole
-                own = own @ np.kron(np.eye(2), self.constraints.axes(contact).T)
-            rows.append(np.zeros((len(own), k)))
-            rows[-1][:, first:last], first = own, last
-        return np.concatenate(rows)
+def _solver() -> Any:
+    """Return the solver of quadratic programs.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    return optional("proxsuite", "contacts", "contacts").proxqp
 
 
 def _pyramid(contact: Contact) -> np.ndarray:

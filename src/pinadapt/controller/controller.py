@@ -109,7 +109,9 @@ class Controller:
         self._forces = None
         squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
         if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
-            self._forces = ConstraintForces(kinematics.robot, self.limits.torque)
+            self._forces = ConstraintForces(
+                kinematics.robot, self.limits.torque, kinematics.constraints
+            )
         self._estimated = self._scratch()
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()

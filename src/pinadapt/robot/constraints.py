@@ -353,7 +353,8 @@ class Constraints:
     def __init__(self, model: pin.Model, parts: Sequence[Constraint]) -> None:
         """Take the model of a robot, and its constraints."""
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
-        self._none = self._A = np.zeros((0, model.nv))
+        self._none = np.zeros((0, model.nv))
+        self._last = (np.full(model.nq, np.nan), np.zeros(model.nv)), (self._none, self._none)
         self.places = [[frame_id(model, name) for name in part.frames] for part in self.parts]
         self._feet = [
             at[0]
@@ -366,15 +367,24 @@ class Constraints:
         return type(self), (self._model, self.parts)
 
     def at(self, q: np.ndarray, v: np.ndarray) -> Rows:
-        """Return A (k, n) and dA/dt (k, n) at q (nq) and v (n)."""
+        """Return A (k, n) and dA/dt (k, n) at q (nq) and v (n), kept for the next call there."""
+        (q_last, v_last), rows = self._last
+        if (q == q_last).all() and (v == v_last).all():
+            return rows
         model, data = self._model, self.data
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
         placed = zip(self.parts, self.places, strict=True)
         found = [part.at(model, data, at) for part, at in placed]
         A, A_rate = zip((self._none, self._none), *found, strict=True)
-        self._A = np.concatenate(A)
-        return self._A, np.concatenate(A_rate)
+        rows = np.concatenate(A), np.concatenate(A_rate)
+        self._last = (q.copy(), v.copy()), rows
+        return rows
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Return A (k, n) at q (nq)."""
+        (_, v_last), _ = self._last
+        return self.at(q, v_last)[0]
 
     def holding(self, stands: np.ndarray | None) -> np.ndarray:
         """Return which rows (k) of A hold: all but those of feet in the air.
@@ -392,11 +402,15 @@ class Constraints:
 
         P A^T = 0: of a torque, P leaves what no constraint force changes.
         """
-        holds = self.holding(stands)
-        A, A_rate = (rows[holds] for rows in self.at(q, v))
-        inverse = np.linalg.pinv(A)
-        P = np.eye(v.size) - inverse @ A
-        turning = inverse @ A_rate @ P
+        A, A_rate = self.at(q, v)
+        if stands is not None:
+            holds = self.holding(stands)
+            A, A_rate = A[holds], A_rate[holds]
+        U, sizes, V = np.linalg.svd(A, full_matrices=False)
+        rank = np.count_nonzero(sizes > np.finfo(float).eps * sizes.max(initial=0.0))
+        U, sizes, V = U[:, :rank], sizes[:rank], V[:rank]
+        P = np.eye(v.size) - V.T.dot(V)
+        turning = (V.T / sizes).dot(U.T.dot(A_rate)).dot(P)  # A^+ = V^T / sizes U^T
         return P, -turning - turning.T
 
     def squeezes(self, size: int) -> Rows:
@@ -426,9 +440,10 @@ class Constraints:
             v: (n) velocity.
             alpha: [1/s].
         """
-        rows, rate = np.zeros((2, len(self._A)))
+        A, _ = self._last[1]
+        rows, rate = np.zeros((2, len(A)))
         x = np.array([self.data.oMf[foot].translation for foot in self._feet])
-        first, velocity = len(rows) - x.size, (self._A @ v)[len(rows) - x.size :].reshape(x.shape)
+        first, velocity = len(rows) - x.size, (A @ v)[len(rows) - x.size :].reshape(x.shape)
         air = ~feet.stands
         u, ud = (
             feet.xd_d - alpha * (x - feet.x_d),
