@@ -40,7 +40,7 @@ _BRAKED = 20.0  # [rad/s^2, or of the reach for slides] by which friction stops 
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests; half:
 # friction keeps estimates moving, double: slow paths stop them
 _FRAME, _OFFSET = 0.02, 0.1  # of the reach, by which a frame, and all of them, may be off
-_MOVING = 0.25  # of the residual that M dv/dt has: 0.5 of a wrong sign, 0 of a held joint
+_MOVING = 1.0 / 3.0  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
