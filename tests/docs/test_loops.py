@@ -40,7 +40,7 @@ def test_a_learned_model_errs_less(name, needs, duration, share):
 def test_a_franka_is_told_its_load(tmp_path):
     pytest.importorskip("pylibfranka")
     urdf = pytest.importorskip("franky_sim.urdf").FR3_URDF
-    from tests.support.franka_server import MASS, Franka
+    from tests.support.franka_server import FINGERS, MASS, Franka
 
     (tmp_path / "fr3.urdf").write_text(urdf)
     server = Franka("127.0.0.1")
@@ -48,8 +48,8 @@ def test_a_franka_is_told_its_load(tmp_path):
         load, before, after = example("franka_load").run(server.address, tmp_path / "fr3.urdf")
     finally:
         server.close()
-    # a third too heavy, as offsets of the torque are unknown too: see docs/limits.md
-    assert MASS < load.mass < 1.5 * MASS
+    heavy = MASS + FINGERS  # the robot states its hand without the fingers
+    assert abs(load.mass - heavy) < min(2.0 * load.mass_known_to, 0.06)
     assert after[3000:].max() < 0.9 * before[3000:].max()
 
 

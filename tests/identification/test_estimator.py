@@ -1,6 +1,7 @@
 """The estimator is ``identify`` sample by sample: rows, robots, loads that come and go, pushes."""
 
 import pickle
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -80,6 +81,41 @@ def test_loads_that_come_and_go_are_found_within_a_second():
     assert last.load.mass == pytest.approx(OTHER.mass, rel=0.01) and not last.advice
     assert np.abs(found_load(estimator, states[-1], OTHER)).max() < 4.0
     assert str(last).startswith("load 0.")
+
+
+@pytest.mark.parametrize("coupled", [True, False])
+def test_a_motor_that_both_joints_of_a_wrist_turn_is_found_where_there_is_one(coupled):
+    robot = catalogue_robot("panda")
+    motor = pa.robot.Shaft((5, 6), -1, viscous=0.3, coulomb=0.4)
+    friction = replace(robot.friction, shafts=(motor,) * coupled)
+    t, q, v, a = motion("panda", duration=6.0, dt=4e-3, seed=3)
+    true = robot.changed(friction=friction, viscous=0.5, coulomb=0.8)
+    tau = torques(true, q, v, a)
+    tau[:, 5:] += 0.05 * coupled * np.outer(a[:, 5] - a[:, 6], [1.0, -1.0])  # its rotor
+    tau += 5e-3 * robot.model.effortLimit * np.random.default_rng(0).standard_normal(q.shape)
+    estimator = pa.Estimator(robot, period=4e-3, held=False)
+    found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).robot
+    armatures = {part.sign: part.armature for part in found.friction.shafts}
+    assert bool(armatures) == coupled
+    if coupled:
+        assert armatures[-1] == pytest.approx(0.05, rel=0.2) and armatures[1] < 0.01
+
+
+def test_a_joint_that_sticks_says_little_of_a_load():
+    """Friction at rest is anything up to Coulomb's; small swings hold the load otherwise."""
+    robot, dt = catalogue_robot("panda"), 4e-3
+    true = robot.changed(payload=LOAD)
+    t = np.arange(0.0, 6.0, dt)[:, None]
+    rates, height = np.arange(1.5, 5.0, 0.5), 0.15
+    q = robot.q0 + height * np.sin(rates * t)
+    v, a = height * rates * np.cos(rates * t), -height * rates**2 * np.sin(rates * t)
+    slow = np.abs(v) < 0.1 * height * rates  # there they stick
+    q = robot.q0 + np.cumsum(np.where(slow, 0.0, v), axis=0) * dt
+    v, a = np.where(slow, 0.0, v), np.where(slow, 0.0, a)
+    tau = torques(true, q, v, a) + 1.0 * np.where(slow, np.cos(3.0 * t), np.sign(v))
+    estimator = pa.Estimator(robot, "payload", period=dt, held=False)
+    off = found_load(estimator, run(estimator, t[:, 0], q, v, tau)[-1], LOAD)
+    assert np.abs(off[:4]).max() < 3.0
 
 
 def test_gears_rub_under_the_load_too():

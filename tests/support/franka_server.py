@@ -25,7 +25,7 @@ TOOL = np.array([0.02, -0.01, 0.05])  # [m] beyond panda_hand_tcp, in its axes
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 PATIENCE = 0.3  # [s] for a torque; libfranka waits longer
 ASLEEP = 0.02  # [s] between two looks for a client
-MASS = 0.6  # [kg] at the tool
+MASS, FINGERS = 0.6, 0.03  # [kg] at the tool, and of the hand's two fingers
 REFLEX = 6  # place of the joints' reflex among the robot's errors
 
 

@@ -33,14 +33,15 @@ from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import PayloadEstimate, of_load
 from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
-from ..models.physical_fit import PhysicalSet, physical_fit, physical_set
+from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
 from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
-from ..robot.changes import Payload
+from ..robot.changes import Payload, Shaft
 from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import FREE, LIGHT, WEIGHT, lasting_noise
+from .selection import LEAST_GAIN, with_shafts
 
 # [s] before and after a sample; half and twice: held-out errors of real logs the same to 2 %
 _SMOOTH = 0.05
@@ -50,13 +51,16 @@ FADING = 0.1
 # 0.5 s in place of 0.9, and such a push may be; twice: after more than a second.
 _LOADED = 12
 _EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
-_RECENT = 75  # windows whose residuals tell how long errors last
-# Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
+_RECENT = 75  # windows whose residuals tell how long errors last; half and twice: the same to 1 %
+# Deviations at which a window disagrees, and a motor of a wrist is clear; half: a UR10's error is
+# 9 % larger; twice: the same.
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
 _ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
-_SHAKE = 0.2  # [rad or m], once a second
-_KNOWN = 0.1  # of the mass of a load, and of a hundredth of the robot's: well enough for a user
+_SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
+# Of the mass of a load, and of a hundredth of the robot's: above it motion is asked for; half and
+# twice: for longer, and less long.
+_KNOWN = 0.1
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _GEAR = _DRY.index("gear_friction")
 # Shares of a torque: its noise before there are residuals, with the weight of one window, and the
@@ -72,22 +76,24 @@ class Window(NamedTuple):
         W: (n, c) regressor.
         y: (n) torque without its known part [N m or N].
         tau: (n) torque [N m or N].
+        rest: (n) share of the time in which a joint stands.
     """
 
     W: np.ndarray
     y: np.ndarray
     tau: np.ndarray
+    rest: np.ndarray
 
 
 class _Rows(NamedTuple):
-    """The equations at a sample; columns are those of the parameters, tau less y, tau and |v|.
+    """The equations at a sample; columns are those of the parameters, tau less y, tau and rest.
 
     Attributes:
         t: time [s].
         before: of the sample before [s].
         N: (n, n) projections at the sample before, and at this one; ones of a chain.
         M: (n, c + 3) momentum.
-        F: (n, c + 3) all else.
+        F: (n, c + 3) all else; rest is one where a joint stands, else zero.
     """
 
     t: float
@@ -276,12 +282,15 @@ class Estimator:
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
-        alone = given.bodies == PAYLOAD
+        self._alone = alone = given.bodies == PAYLOAD
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names)
-        near = list[int]()
+        near, tried = list[int](), tuple[Shaft, ...]()
         if given.friction is None:
+            if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
+                self.robot = robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
+                tried = robot.friction.shafts
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
             shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
@@ -298,9 +307,9 @@ class Estimator:
         dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
         places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
         self._dry = places.reshape(-1, len(_DRY))
-        # gears rub under a load that no unknown body hides; constraints would mix their shares
+        # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
-        self._columns = carried + (PER_BODY if near and alone and not robot.constraints else 0)
+        self._columns = carried + (PER_BODY if near and not robot.constraints else 0)
         self._carried = np.arange(carried, self._columns)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
         known = range(*self._own.indices(size)) if alone else ()
@@ -315,6 +324,10 @@ class Estimator:
             *listed[first:],
             *breakaways,
         )
+        coulomb = [f"{robot.joint_names[joint]}.coulomb" for joint in near]
+        self._coulomb = [self.names.index(name) for name in coulomb]
+        wrist = [f"{part.name(robot.joint_names)}.{kind}" for part in tried for kind in USUAL]
+        self._wrist = [self.names.index(name) for name in wrist]
         p = len(self.names)
         # [W y] B are the equations in the parameters, except those of the load
         self._B = np.zeros((self._columns + 1, p + 1))
@@ -331,6 +344,7 @@ class Estimator:
         shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]
         weights = np.where(shares, dynamics.initial[size:] / dynamics.typical[size:], LIGHT)
         weights = weights[: len(weights) - len(own.scales)]
+        center[self._wrist] *= LEAST  # hardly any, until the motion shows it
         count = first // PER_BODY
         self._physical = PhysicalSet(
             count + 1,
@@ -349,10 +363,9 @@ class Estimator:
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        moving = np.isin(robot.joint_names, joints)
+        self._moving = np.isin(robot.joint_names, joints)
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
-        self._still = np.where(moving, robot.friction.threshold, np.inf)
 
     def init(self, measurement: Measurement, payload: Payload | None = None) -> EstimatorState:
         """Return the state at the first sample.
@@ -447,14 +460,28 @@ class Estimator:
         state = state._replace(sums=sums, last=now)
         if now.t < state.begin + self.length:
             return state
-        W, known, tau, speed = np.split(sums[0], [self._columns, -2, -1], axis=1)
-        found = Window(W, (tau - known)[:, 0], tau[:, 0])
+        W, known, tau, rest = np.split(sums[0], [self._columns, -2, -1], axis=1)
+        found = Window(W, (tau - known)[:, 0], tau[:, 0], rest[:, 0])
         state = state._replace(
             begin=state.begin + self.length / OVERLAP,
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
         )
-        moved = (speed[:, 0] > self._still).any()
-        return self._compare(state, found) if moved else state
+        moved = (found.rest < 0.5)[self._moving].any()
+        return self._compare(state, self._weighted(state, found)) if moved else state
+
+    def _weighted(self, state: EstimatorState, found: Window) -> Window:
+        """Return a window in which a joint at rest counts by its noise and its friction.
+
+        What stands has any friction up to c: over the share r of a window that leaves a deviation
+        r c of the torque.
+        """
+        a, noise = self._physical.center, _LEVELS[0] * np.abs(found.tau)
+        if state.prediction is not None:
+            a, noise = state.prediction.a, state.prediction.noise
+        coulomb = self.robot.friction.coulomb.copy()
+        coulomb[self._near] = a[self._coulomb]
+        weight = noise / (np.hypot(noise, found.rest * coulomb) + np.finfo(float).tiny)
+        return Window(weight[:, None] * found.W, weight * found.y, weight * found.tau, found.rest)
 
     def _checked(self, measurement: Measurement) -> Measurement:
         """Return a measurement as arrays of finite floats."""
@@ -485,7 +512,7 @@ class Estimator:
         M, F = np.zeros((2, n, self._columns + 3))
         size = self.dynamics.size
         M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
-        F[:, -2], F[:, -1] = tau, np.abs(v)
+        F[:, -2], F[:, -1] = tau, np.abs(v) < robot.friction.threshold
         near = np.array(self._near, dtype=int)
         fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
         columns = np.arange(size, size + self._dry.size).reshape(self._dry.shape)
@@ -588,12 +615,13 @@ class Estimator:
     def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
         """Return S (k, k) of each joint: its [W y] S are linear in load and gear at a (p).
 
-        With s the share of a gear and l the load, the columns E of ``carried`` add s E l. A load
-        that cannot be told from an unknown last body adds nothing.
+        With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
         S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
-        shares = self._B[gears] @ np.append(a, 0.0)
-        load = a[self._load] * float(state.load is not None)
+        # a load that is unknown from the start cannot be told from an unknown last body
+        told = state.load is not None and (self._alone or state.past.any())
+        shares = float(told) * self._B[gears] @ np.append(a, 0.0)
+        load = float(told) * a[self._load]
         for j, gear, share in zip(self._near, gears, shares, strict=True):
             at = self._places[j]
             own = np.flatnonzero(np.isin(at, self._carried))
@@ -690,13 +718,12 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
+        a, noise = self._fitted(state, near)
+        if self._wrist:  # as ``identify`` chooses it
+            a_without, noise_without = self._fitted(state, near, self._wrist)
+            if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
+                a, noise = a_without, noise_without
         physical = self._prior(state)
-        a, start = (physical.center, None) if near is None else (near.a, near.a)
-        noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
-        for _ in range(_ROUNDS):
-            rows = _rows(self._equations(state, noise, a))
-            a = start = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
-            noise = self._noise(state, a, 0.0)
         T, _ = physical.local(a)
         M = self._equations(state, noise * self._lasting(state, a), a)
         root = T @ _inverse(M[:-1, :-1], T)
@@ -715,6 +742,21 @@ class Estimator:
             self._advice(state, load, root, noise),
         )
 
+    def _fitted(
+        self, state: EstimatorState, near: Estimate | None, without: Sequence[int] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return parameters (p) and noise (n), some parameters kept as described."""
+        physical, kept = self._prior(state), np.ones(len(self.names) + 1)
+        kept[list(without)] = 0.0
+        a, start = (physical.center, None) if near is None else (near.a, near.a)
+        noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
+        for _ in range(_ROUNDS):
+            rows = _rows(self._equations(state, noise, a) * kept * kept[:, None])
+            a = start = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
+            noise = self._noise(state, a, 0.0)
+        a[list(without)] = physical.center[list(without)]
+        return a, noise
+
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
         """Return the robot with parameters (p) and the load."""
         found = self._map(state.load, a) @ np.append(-a, 1.0)
@@ -722,6 +764,8 @@ class Estimator:
         breakaway = robot.friction.breakaway.copy()
         breakaway[self._near] += a[len(a) - len(self._near) :]
         friction = replace(robot.friction, breakaway=breakaway)
+        if self._wrist and (a[self._wrist] == self._physical.center[self._wrist]).all():
+            friction = replace(friction, shafts=())
         return replace(robot, friction=friction, loads=())
 
     def _bound(self, a: np.ndarray) -> np.ndarray:

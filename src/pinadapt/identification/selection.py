@@ -36,7 +36,7 @@ _BLOCKS = 8
 _SURE = 2.0
 # Share of the squared error that it has to gain: half as much takes what is none, twice as much
 # leaves out effects that lower the held-out error of a TIAGo by a sixth.
-_LEAST = 0.015
+LEAST_GAIN = 0.015
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _PLAIN = "viscous", "coulomb"  # that every joint has
 
@@ -88,13 +88,13 @@ class _Candidate(NamedTuple):
     shaft: Shaft | None = None
 
 
-def with_shafts(robot: Robot) -> Robot:
-    """Return a robot with all shafts that two neighbouring joints may turn."""
+def with_shafts(robot: Robot, first: int = 0) -> Robot:
+    """Return a robot with all shafts that two neighbouring joints may turn, from a joint on."""
     slides, friction = list(robot.slides.values()), robot.friction
     shafts = tuple(
         Shaft((j, j + 1), turn, threshold=float(friction.threshold[j]))
-        for j, turn in product(range(len(slides) - 1), (1, -1))
-        if slides[j] == slides[j + 1]
+        for j, turn in product(range(first, len(slides) - 1), (1, -1))
+        if slides[j] == slides[j + 1] and robot.model.parents[j + 2] == j + 1
     )
     return replace(robot, friction=replace(friction, shafts=shafts))
 
@@ -155,7 +155,7 @@ def choose_effects(
             after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
             share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
-            if share > max(_SURE * error, _LEAST):
+            if share > max(_SURE * error, LEAST_GAIN):
                 found.append((Gain(one.words, share, error), one))
         if not found:
             return ChosenEffects(friction, tuple(words), tuple(gains))
