@@ -54,6 +54,17 @@ def test_a_load_is_found_while_walking():
         each.model.inertias[robot.carriers[0] + 1].mass for each in (rollout.learned(), true)
     )
     assert found == pytest.approx(truth, rel=0.01)
+    estimator, state = pa.Estimator(robot, "payload"), None
+    measurements = zip(rollout.t, rollout.q, rollout.v, strict=True)
+    for k, sample in enumerate(measurements):
+        measurement = pa.Measurement(*sample, tau=rollout.tau[max(k - 1, 0)])
+        if state is None:
+            state = estimator.init(measurement)
+        else:
+            state = estimator.step(state, measurement, crawl.at(rollout.t[k - 1]).feet.stands)
+    load = estimator.estimate(state).load
+    print(load)
+    assert abs(load.mass - 6.0) < 0.1
 
 
 def test_forces_of_feet_in_the_air_are_zero():

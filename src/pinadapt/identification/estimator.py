@@ -141,6 +141,7 @@ class EstimatorState(NamedTuple):
         pending: windows that disagree.
         prediction: what windows are compared with; None at first.
         load: (10) centre of what may be carried; None: surely nothing.
+        stands: (c) which contacts stand; None: all.
     """
 
     samples: tuple[Measurement, ...]
@@ -156,6 +157,7 @@ class EstimatorState(NamedTuple):
     pending: tuple[Window, ...]
     prediction: _Prediction | None
     load: np.ndarray | None
+    stands: np.ndarray | None = None
 
     @property
     def t(self) -> float:
@@ -360,6 +362,12 @@ class Estimator:
         found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
+        # of each joint: places of the load's columns and of its gear's among its own
+        self._rubbing = list[tuple[int, np.ndarray, np.ndarray, int]]()
+        for j, gear in zip(near, self._dry[:, _GEAR].tolist(), strict=True):
+            at = self._places[j]
+            own = np.flatnonzero(np.isin(at, self._carried))
+            self._rubbing.append((j, own, at[own] - carried, int(np.searchsorted(at, gear))))
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
@@ -421,14 +429,25 @@ class Estimator:
         load = nearest_physical(load, least_radius=LOAD * self.robot.reach)
         return self._begin_load(state, load if payload.present else None)
 
-    def step(self, state: EstimatorState, measurement: Measurement) -> EstimatorState:
+    def step(
+        self, state: EstimatorState, measurement: Measurement, stands: np.ndarray | None = None
+    ) -> EstimatorState:
         """Return the state after a sample.
+
+        Args:
+            state: of ``init`` or the last step.
+            measurement: as of ``init``.
+            stands: (c) which contacts stand, points all of them; None: as at the last sample, all
+                at first.
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
             ImplausibleError: the time is not after the last one's.
         """
         now = self._checked(measurement)
+        if stands is not None and not np.array_equal(stands, state.stands):
+            # no window holds both
+            state = state._replace(samples=state.samples[-1:], last=None, stands=np.array(stands))
         if now.t <= state.t:
             raise ImplausibleError("t", now.t, f"is not after the last sample's, {state.t:g} s")
         if now.t - state.t > 2.0 * self.length / FEWEST:
@@ -441,7 +460,8 @@ class Estimator:
         state = state._replace(samples=samples)
         if len(samples) < self._count:
             return state
-        now = self._rows(samples[0] if self._count == 1 else self._smoothed(samples), last)
+        middle = samples[0] if self._count == 1 else self._smoothed(samples)
+        now = self._rows(middle, last, state.stands)
         if last is None:
             return state._replace(begin=now.t, sums=0.0 * state.sums, last=now)
         elapsed = now.t - last.t
@@ -504,7 +524,9 @@ class Estimator:
         value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
 
-    def _rows(self, measurement: Measurement, last: _Rows | None) -> _Rows:
+    def _rows(
+        self, measurement: Measurement, last: _Rows | None, stands: np.ndarray | None = None
+    ) -> _Rows:
         """Return the equations at a sample."""
         robot, n = self.robot, self.robot.model.nv
         t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
@@ -523,7 +545,7 @@ class Estimator:
             signs = np.sign(g[:, :bodies] @ self.dynamics.initial[:bodies] + g_0)
             signs *= np.tanh(v / robot.friction.threshold)
             F[near[:, None], self._carried] = (signs[:, None] * g[:, self._own])[near]
-        N = self._constraints.free(q, v)[0] if robot.constraints else 1.0
+        N = self._constraints.free(q, v, stands)[0] if robot.constraints else 1.0
         before, projection = (t, N) if last is None else (last.t, last.N[1])
         return _Rows(t, before, (projection, N), M, F)
 
@@ -622,13 +644,10 @@ class Estimator:
         told = state.load is not None and (self._alone or state.past.any())
         shares = float(told) * self._B[gears] @ np.append(a, 0.0)
         load = float(told) * a[self._load]
-        for j, gear, share in zip(self._near, gears, shares, strict=True):
-            at = self._places[j]
-            own = np.flatnonzero(np.isin(at, self._carried))
-            part = load[at[own] - self._columns]
+        for (j, own, parts, gear), share in zip(self._rubbing, shares, strict=True):
             S[j][own, own] = share
-            S[j][np.ix_(own, at == gear)] = part[:, None]
-            S[j][own, -1] = share * part
+            S[j][own, gear] = load[parts]
+            S[j][own, -1] = share * load[parts]
         return S
 
     def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
@@ -718,9 +737,9 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
-        a, noise = self._fitted(state, near)
+        a, noise = self._fitted(state, None if near is None else near.a)
         if self._wrist:  # as ``identify`` chooses it
-            a_without, noise_without = self._fitted(state, near, self._wrist)
+            a_without, noise_without = self._fitted(state, a, self._wrist)
             if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
                 a, noise = a_without, noise_without
         physical = self._prior(state)
@@ -743,12 +762,14 @@ class Estimator:
         )
 
     def _fitted(
-        self, state: EstimatorState, near: Estimate | None, without: Sequence[int] = ()
+        self, state: EstimatorState, near: np.ndarray | None, without: Sequence[int] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return parameters (p) and noise (n), some parameters kept as described."""
+        """Return parameters (p), others being near (p), and noise (n); some are as described."""
         physical, kept = self._prior(state), np.ones(len(self.names) + 1)
         kept[list(without)] = 0.0
-        a, start = (physical.center, None) if near is None else (near.a, near.a)
+        a = start = near
+        if a is None:
+            a = physical.center
         noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
         for _ in range(_ROUNDS):
             rows = _rows(self._equations(state, noise, a) * kept * kept[:, None])
