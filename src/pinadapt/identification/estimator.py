@@ -366,8 +366,8 @@ class Estimator:
         self._rubbing = list[tuple[int, np.ndarray, np.ndarray, int]]()
         for j, gear in zip(near, self._dry[:, _GEAR].tolist(), strict=True):
             at = self._places[j]
-            own = np.flatnonzero(np.isin(at, self._carried))
-            self._rubbing.append((j, own, at[own] - carried, int(np.searchsorted(at, gear))))
+            rubs = np.flatnonzero(np.isin(at, self._carried))
+            self._rubbing.append((j, rubs, at[rubs] - carried, int(np.searchsorted(at, gear))))
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
@@ -445,7 +445,8 @@ class Estimator:
             ImplausibleError: the time is not after the last one's.
         """
         now = self._checked(measurement)
-        if stands is not None and not np.array_equal(stands, state.stands):
+        known = state.stands
+        if stands is not None and (known is None or not np.array_equal(stands, known)):
             # no window holds both
             state = state._replace(samples=state.samples[-1:], last=None, stands=np.array(stands))
         if now.t <= state.t:
