@@ -308,7 +308,8 @@ h1 { font-size: 1.5em; margin-bottom: 0.2em; overflow-wrap: anywhere; }
 h2 { font-size: 1.15em; margin-top: 2em; }
 table { border-collapse: collapse; margin: 0.8em 0; font-size: 13px; display: block;
   overflow-x: auto; font-variant-numeric: tabular-nums; }
-th, td { padding: 2px 10px; border-bottom: 1px solid #ddd; } th { border-bottom: 1px solid #777; }
+th, td { padding: 2px 10px; border-bottom: 1px solid #ddd; white-space: nowrap; }
+th { border-bottom: 1px solid #777; }
 tr:hover td { background: #f4f6f8; } img { max-width: 100%; }
 .warning, .note { border-left: 4px solid #e08000; padding: 0.5em 1em; margin: 0.4em 0; }
 .warning { background: #fff3e0; } .note { background: #eef3f8; border-color: #4878a8; }

@@ -75,7 +75,7 @@ class Percentile(NamedTuple):
 
     Attributes:
         p: share of the cases below.
-        value, low, high: infinite where lost cases are reached, or too few cases for a bound.
+        value, low, high: infinite where lost cases are reached, NaN: too few cases for a bound.
     """
 
     p: float
@@ -85,7 +85,9 @@ class Percentile(NamedTuple):
 
     def __str__(self) -> str:
         """Return the number and its interval."""
-        value, low, high = (f"{x:.3g}" if np.isfinite(x) else "lost" for x in self[1:])
+        value, low, high = (
+            "?" if np.isnan(x) else f"{x:.3g}" if np.isfinite(x) else "lost" for x in self[1:]
+        )
         return f"{value} ({low} to {high})"
 
 
@@ -97,9 +99,8 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
     from scipy.stats import quantile_test
 
     value = float(np.quantile(values, p, method="inverted_cdf"))
-    bounds = quantile_test(values, p=p).confidence_interval()  # NaN: too few cases
-    low, high = np.where(np.isnan(bounds), [-np.inf, np.inf], bounds).tolist()
-    return Percentile(p, value, low, high)
+    bounds = quantile_test(values, p=p).confidence_interval()
+    return Percentile(p, value, float(bounds.low), float(bounds.high))
 
 
 @dataclass(frozen=True, eq=False)
