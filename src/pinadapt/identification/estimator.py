@@ -364,7 +364,8 @@ class Estimator:
         self._places = [np.flatnonzero(one) for one in found]
         # of each joint: places of the load's columns and of its gear's among its own
         self._rubbing = list[tuple[int, np.ndarray, np.ndarray, int]]()
-        for j, gear in zip(near, self._dry[:, _GEAR].tolist(), strict=True):
+        gears = zip(near, self._dry[:, _GEAR].tolist(), strict=True)
+        for j, gear in gears if self._carried.size else ():
             at = self._places[j]
             rubs = np.flatnonzero(np.isin(at, self._carried))
             self._rubbing.append((j, rubs, at[rubs] - carried, int(np.searchsorted(at, gear))))
@@ -635,17 +636,19 @@ class Estimator:
         B[rows, -1] += x * dry  # as the product x d is in both columns
         return B
 
-    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
+    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[Any]:
         """Return S (k, k) of each joint: its [W y] S are linear in load and gear at a (p).
 
-        With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
+        With s the share of a gear and l the load, the columns E of ``carried`` add s E l. None: S
+        is one, as no gear rubs under the load.
         """
-        S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
+        S, gears = list[Any]([None] * len(self._places)), self._dry[:, _GEAR]
         # a load that is unknown from the start cannot be told from an unknown last body
         told = state.load is not None and (self._alone or state.past.any())
-        shares = float(told) * self._B[gears] @ np.append(a, 0.0)
+        shares = float(told) * self._B[gears[: len(self._rubbing)]] @ np.append(a, 0.0)
         load = float(told) * a[self._load]
         for (j, own, parts, gear), share in zip(self._rubbing, shares, strict=True):
+            S[j] = np.eye(len(self._places[j]))
             S[j][own, own] = share
             S[j][own, gear] = load[parts]
             S[j][own, -1] = share * load[parts]
@@ -668,7 +671,7 @@ class Estimator:
         M = np.zeros_like(state.past)
         each = zip(self._places, state.products, self._gears(state, a), noise, strict=True)
         for at, one, S, size in each:
-            M[np.ix_(at, at)] += S.T @ one @ S / size**2
+            M[np.ix_(at, at)] += (one if S is None else S.T @ one @ S) / size**2
         return M
 
     def _equations(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -680,7 +683,7 @@ class Estimator:
         """Return w (k) of each joint: [W y] w are its residuals, with the present load."""
         w = self._map(state.load, a) @ np.append(-a, 1.0)
         gears = self._gears(state, a)
-        return [S @ w[at] for at, S in zip(self._places, gears, strict=True)]
+        return [_times(S, w[at]) for at, S in zip(self._places, gears, strict=True)]
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
@@ -719,7 +722,7 @@ class Estimator:
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
         X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
         slopes, gears = B[:, :-1] @ T @ X, self._gears(state, a)
-        each = [S @ slopes[at] for at, S in zip(self._places, gears, strict=True)]
+        each = [_times(S, slopes[at]) for at, S in zip(self._places, gears, strict=True)]
         return _Prediction(a, self._left(state, a), each, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
@@ -815,6 +818,11 @@ class Estimator:
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
             gains[j] = np.linalg.norm(Y @ B @ root[self._load] / noise[:, None])
         return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
+
+
+def _times(S: np.ndarray | None, X: np.ndarray) -> np.ndarray:
+    """Return S X, None being one."""
+    return X if S is None else S @ X
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
