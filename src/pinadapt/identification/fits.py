@@ -174,7 +174,7 @@ def load_fit(
         mass: of the load [kg], if it is known: gains are found then, and only then.
 
     Raises:
-        ParameterError: the last body is not among the parameters.
+        ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
     size = dynamics.inertial.size
     own = size - PER_BODY

@@ -102,7 +102,8 @@ def identify(
         RobotError: a robot that cannot be loaded.
         InputError: unknown words, a mass that is not positive, a known load without ``empty``,
             nothing is unknown, or a robot that has constraints.
-        ParameterError: a total mass that leaves nothing for the unknown bodies.
+        ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
+            that the torques do not show.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
     if described.constraints:
