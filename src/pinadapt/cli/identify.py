@@ -57,7 +57,7 @@ def arguments(parser: ArgumentParser) -> None:
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
-    of_log = {"test": several, "empty": Path, "total_mass": float}
+    of_log = {"test": several, "empty": Path, "total_mass": float, "known_load": float}
     add_arguments_of(parser, identify_log, of_log)
     parser.add_argument(
         "--compare",
@@ -238,7 +238,7 @@ def identify(options: Namespace) -> int:
             robot,
             intake=intake,
             unknown=unknown.with_names(**named),
-            **given(options, ("test", "empty", "total_mass")),
+            **given(options, ("test", "empty", "total_mass", "known_load")),
         )
     except TorqueMismatchError as error:
         print(error.check)

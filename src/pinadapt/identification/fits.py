@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..exceptions import LogError, ParameterError
-from ..information.information import Information, fitted, position_rows, rms
+from ..information.information import CERTAIN, Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
 from ..logs.log import Log
@@ -39,8 +39,8 @@ WEIGHT = 1.0
 LIGHT = 1e-6
 # Share of a stated total mass that it may be off: half and twice give the same masses to 0.2 %.
 _WEIGHED = 1e-3
-# Deviation of the gain of each torque, for loads. Half and twice: +- 0.10 and +- 0.64 in place of
-# +- 0.23 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
+# Deviation of the gain of each torque, for loads. Half and twice: +- 0.09 and +- 0.29 in place of
+# +- 0.16 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
 GAIN = 0.05
 FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 
@@ -87,16 +87,45 @@ def torque_information(
 
     The torques of each joint may be off by a factor whose deviation from one is ``gain``.
     """
-    residual, joints = windows.residual(a), windows.tau.shape[1]
-    noise = np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
-    n = joints if gain else 0
-    W = np.concatenate([windows.tau[:, :, None] * np.eye(joints)[:, :n], windows.W], axis=2)
-    prior, at = np.repeat([(gain or 1.0) ** -2.0, 0.0], [n, len(names)]), np.append(np.zeros(n), a)
-    found = Information.of_rows([""] * n + list(names), at, W, residual, noise, prior)
+    n = windows.tau.shape[1] if gain else 0
+    found = _with_gains(names, a, windows, stated, np.ones(n), gain)
     R, c = found.R[n:, n:], found.c[n:]  # triangular: what is left without the gains
-    if stated is not None:
-        R, c = square(np.vstack([R, stated[0]]), np.append(c, stated[1] - stated[0] @ a))
     return Information(tuple(names), a, R, c)
+
+
+def _with_gains(
+    names: Sequence[str],
+    a: np.ndarray,
+    windows: Windows,
+    stated: tuple[np.ndarray, np.ndarray] | None,
+    gains: np.ndarray,
+    gain: float = GAIN,
+) -> Information:
+    """Return the information on further gains (n), and on parameters at a (p).
+
+    A gain scales the predicted torque: noise of the measured one would look like a gain.
+
+    Args:
+        names: of the parameters.
+        a: (p) their estimate.
+        windows: the rows.
+        stated: as of ``torque_fit``.
+        gains: (n) by which their torques were divided; none, and there are no further ones.
+        gain: deviation of the whole gains from one.
+    """
+    residual, n = windows.residual(a), len(gains)
+    noise = np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
+    columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
+    W = np.concatenate([columns, windows.W], axis=2)
+    prior, off = np.zeros((2, n + len(a)))
+    prior[:n], off[:n] = gain**-2.0 if n else 0.0, 1.0 / gains - 1.0
+    at = np.append(np.ones(n), a)
+    found = Information.of_rows([""] * n + list(names), at, W, residual, noise, prior, off)
+    if stated is None:
+        return found
+    rows = np.vstack([found.R, np.pad(stated[0], ((0, 0), (n, 0)))])
+    R, c = square(rows, np.append(found.c, stated[1] - stated[0] @ a))
+    return replace(found, R=R, c=c)
 
 
 def mass_equation(
@@ -130,8 +159,9 @@ def load_fit(
     physical: PhysicalSet,
     both: tuple[Windows, Windows],
     robot: Robot,
-) -> PayloadEstimate:
-    """Return the load that an arm carries in one log and not in another.
+    mass: float | None = None,
+) -> tuple[PayloadEstimate, Information | None]:
+    """Return the load that an arm carries in one log and not in another, and the torques' gains.
 
     Bodies of the arm and effects of its joints are common to both logs, so that what is wrong with
     their model, and their friction, cancels as far as both motions show it.
@@ -141,9 +171,10 @@ def load_fit(
         physical: the set of its physical parameters.
         both: windows of the log with the load, and of that without.
         robot: as described, with its task frame.
+        mass: of the load [kg], if it is known: gains are found then, and only then.
 
     Raises:
-        ParameterError: the last body is not among the parameters.
+        ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
     size = dynamics.inertial.size
     own = size - PER_BODY
@@ -165,11 +196,31 @@ def load_fit(
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
     windows = Windows(t, np.concatenate(rows), y, tau, both[0].length)
-    fit = torque_fit(names, whole, windows)
-    found = torque_information(names, fit.estimate, windows, gain=GAIN)
+    gains, stated, known = np.ones(tau.shape[1]), None, None
+    a = torque_fit(names, whole, windows).estimate
+    found = torque_information(names, a, windows, gain=GAIN)
+    if mass is not None:
+        alone = found.refined()  # which may be negative, where the logs are swapped
+        shown, off = alone.estimate[size], alone.deviations[size]
+        if abs(shown - mass) > CERTAIN * off:
+            raise ParameterError(
+                f"{mass:g} kg are stated, and the torques show {shown:.3g} +- {off:.2g} kg.",
+                where="known_load",
+                hint="State what the other log lacks, in kg. Are the logs swapped, or all gains "
+                "off by more (--torque-gain)?",
+            )
+        stated = np.eye(len(names))[[size]] / (_WEIGHED * mass), np.array([1.0 / _WEIGHED])
+        for _ in range(2):  # the first predicts torques with the wrong gains
+            step = _with_gains(names, a, windows.over(gains), stated, gains).refined()
+            gains = gains * step.estimate[: len(gains)]
+            a = torque_fit(names, whole, windows.over(gains), stated).estimate
+        found = torque_information(names, a, windows.over(gains), stated, gain=GAIN)
+        R = np.diag(1.0 / step.deviations[: len(gains)])
+        words = tuple(f"{name}.gain" for name in robot.joint_names)
+        known = Information(words, gains, R, 0.0 * gains)
     gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
-    value, gradient[:, part] = of_load(robot, found.estimate[part])
-    return PayloadEstimate.of(value, found.deviation(gradient))
+    value, gradient[:, part] = of_load(robot, a[part])
+    return PayloadEstimate.of(value, found.deviation(gradient)), known
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -289,6 +340,11 @@ class Windows(NamedTuple):
         tau = averages.mean(motion.tau)
         y = tau - both[:, :, size]
         return cls(averages.t[whole], both[whole, :, :size], y[whole], tau[whole], averages.length)
+
+    def over(self, gains: np.ndarray) -> Windows:
+        """Return the windows with the torques divided by gains (n)."""
+        tau = self.tau / gains
+        return self._replace(y=self.y - self.tau + tau, tau=tau)
 
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""

@@ -61,6 +61,7 @@ def identify(
     unknown: Unknown | str | Sequence[str] | None = None,
     held_out: float = 0.25,
     total_mass: float | None = None,
+    known_load: float | None = None,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
@@ -88,6 +89,8 @@ def identify(
         held_out: share of the log that is held out, at most a half.
         total_mass: of the whole robot when it moved, base and load included [kg], where a scale
             told it: bodies that the motion does not tell apart then share it.
+        known_load: mass of the load that the log with ``empty`` lacks [kg]: the gain of each
+            joint's torque is then found from what is not held out, and divided out.
         intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
             default, each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
@@ -97,9 +100,10 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, a mass that is not positive, nothing is unknown, or a robot that
-            has constraints.
-        ParameterError: a total mass that leaves nothing for the unknown bodies.
+        InputError: unknown words, a mass that is not positive, a known load without ``empty``,
+            nothing is unknown, or a robot that has constraints.
+        ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
+            that the torques do not show.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
     if described.constraints:
@@ -111,6 +115,14 @@ def identify(
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)
+    if known_load is not None:
+        positive(known_load, "known_load", error=InputError)
+        if empty is None:
+            raise InputError(
+                "one log does not tell wrong gains from a heavier or lighter arm.",
+                where="known_load",
+                hint="Record the arm without the load too: --empty, in Python empty=...",
+            )
     sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *_several(() if empty is None else [empty])):
@@ -173,14 +185,21 @@ def identify(
     dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
     names, physical = dynamics.names, physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model)
-    first = windows.between(-np.inf, split)
-    learned_from = first if tests else windows
     weighed = mass_equation(dynamics, nominal, total_mass)
-    load_estimate = None
+    load_estimate = gains = None
     for one in without:
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model)
-        load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
+        whole_log = known_load is None and not tests
+        loaded = windows if whole_log else windows.between(-np.inf, split)
+        load_estimate, gains = load_fit(
+            model, physical_set(model, nominal), (loaded, bare), nominal, known_load
+        )
+    if gains is not None:
+        motion = motion._replace(tau=motion.tau / gains.estimate)
+        windows = windows.over(gains.estimate)
+    first = windows.between(-np.inf, split)
+    learned_from = first if tests else windows
     online = OnlineEstimates.of(estimator, motion, split, progress)
     return Identification(
         log=found,
@@ -200,6 +219,7 @@ def identify(
         online=online,
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
+        gains=gains,
         check=check,
         stated=weighed,
         intake=intakes[0],

@@ -107,7 +107,7 @@ class Identification(Printed):
 
     Attributes:
         log: the motion, its columns in the order of the joints.
-        motion: in it, with the velocities that were used.
+        motion: in it, with the velocities that were used, and the torques over their gains.
         described: the robot as described.
         controller: with the models and the names of the parameters.
         windows: equations of the torque, averaged over windows.
@@ -124,6 +124,7 @@ class Identification(Printed):
         effects: of the joints, as cross-validation chose them; None where the caller named them.
         tested: names of the logs that were held out; empty where it is the last part of one log.
         load: estimated from this log and one without it; None without such a log.
+        gains: by which measured torques exceed the true ones, one a joint, if a load was known.
         check: the comparison of the torques with the description, None where none were needed.
         stated: equations that were stated beside the log, such as a total mass.
         intake: how the log was read.
@@ -146,6 +147,7 @@ class Identification(Printed):
     effects: ChosenEffects | None = None
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
+    gains: Information | None = None
     check: TorqueCheck | None = None
     stated: tuple[np.ndarray, np.ndarray] | None = None
     intake: ImportOptions = field(default_factory=ImportOptions)
@@ -377,6 +379,7 @@ class Identification(Printed):
             "dynamic": self._rows(self.dynamic, self.described_parameters),
             "kinematic": self._rows(self.kinematic, start),
             "effects": () if effects is None else effects.gains,
+            "gains": () if self.gains is None else self._rows(self.gains, self.gains.estimate**0),
             "payload": self._loaded if self._carried else None,
             "version": __version__,
         }
@@ -407,7 +410,7 @@ class Identification(Printed):
             tables.append(self._torque_table(compared or {}))
         if of["payload"] is not None:
             tables.append(of["payload"].table())
-        for part in ("effects", "kinematic", "dynamic"):
+        for part in ("effects", "gains", "kinematic", "dynamic"):
             records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
             if records:
                 tables.append(Table.of(records)._replace(title=part))
