@@ -110,7 +110,8 @@ def identify(
         raise InputError(
             "a log does not contain the forces of its constraints.",
             where="robot",
-            hint="A run's rollout.learned() has what its controller learned.",
+            hint="pa.Estimator learns from the same samples, whatever these forces are; a run's "
+            "rollout.learned() has what its controller learned.",
         )
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
