@@ -502,7 +502,7 @@ class Estimator:
             a, noise = state.prediction.a, state.prediction.noise
         coulomb = self.robot.friction.coulomb.copy()
         coulomb[self._near] = a[self._coulomb]
-        weight = noise / (np.hypot(noise, found.rest * coulomb) + np.finfo(float).tiny)
+        weight = 1.0 / np.hypot(1.0, found.rest * coulomb / (noise + np.finfo(float).tiny))
         return Window(weight[:, None] * found.W, weight * found.y, weight * found.tau, found.rest)
 
     def _checked(self, measurement: Measurement) -> Measurement:
