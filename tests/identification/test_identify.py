@@ -137,6 +137,22 @@ def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
         pa.identify(log, robot, unknown=told, total_mass=-1.0)
 
 
+def test_masses_stay_within_stated_bounds():
+    robot, log = catalogue_robot("panda"), recorded("panda", noisy=True, duration=4.0)
+    told = pa.Unknown(tool=True, **TOLD)
+    free = pa.identify(log, robot, unknown=told)
+    masses = [body.mass for body in free.robot.model.inertias[1:]]
+    limits = {"panda_joint3": (1.1 * masses[2], 9.0), "panda_joint5": (0.1, 0.9 * masses[4])}
+    found = pa.identify(log, robot, unknown=told, mass_bounds=limits)
+    bodies = found.robot.model.inertias
+    assert bodies[3].mass == pytest.approx(1.1 * masses[2], rel=2e-3)
+    assert bodies[5].mass == pytest.approx(0.9 * masses[4], rel=2e-3)
+    ratio = found.torque_errors.learned_held_out.mean() / free.torque_errors.learned_held_out.mean()
+    assert ratio < 1.2
+    with pytest.raises(pa.InputError, match="Did you mean 'panda_joint3'"):
+        pa.identify(log, robot, unknown=told, mass_bounds={"panda_joint33": (1.0, 2.0)})
+
+
 def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0, seen=False)
     heavy = 0.6 * robot.mass

@@ -58,6 +58,7 @@ def arguments(parser: ArgumentParser) -> None:
         parser.add_argument(option, type=names, metavar="A,B", help=what)
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
     of_log = {"test": several, "empty": Path, "total_mass": float, "known_load": float}
+    of_log["mass_bounds"] = {"type": _bounds, "action": "append", "metavar": "JOINT=LOW,HIGH"}
     add_arguments_of(parser, identify_log, of_log)
     parser.add_argument(
         "--compare",
@@ -167,6 +168,17 @@ def _signal(text: str) -> tuple[str, list[str]]:
     return name, names(columns)
 
 
+def _bounds(text: str) -> tuple[str, list[float]]:
+    """Return a joint and two bounds.
+
+    Raises:
+        ArgumentTypeError: the equals sign is missing.
+        ValueError: no numbers.
+    """
+    name, bounds = assignment(text)
+    return name, [float(bound) for bound in names(bounds)]
+
+
 def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
     """Return names of joints, or a signal with them.
 
@@ -239,6 +251,7 @@ def identify(options: Namespace) -> int:
             intake=intake,
             unknown=unknown.with_names(**named),
             **given(options, ("test", "empty", "total_mass", "known_load")),
+            mass_bounds=dict(options.mass_bounds or ()),
         )
     except TorqueMismatchError as error:
         print(error.check)

@@ -13,14 +13,15 @@ Positions. The position of the task frame is linear in the unknown translations.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 
-from ..exceptions import LogError, ParameterError
+from .._checks import vector
+from ..exceptions import InputError, LogError, ParameterError, did_you_mean
 from ..information.information import CERTAIN, Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
@@ -50,6 +51,7 @@ def torque_fit(
     physical: PhysicalSet,
     windows: Windows,
     stated: tuple[np.ndarray, np.ndarray] | None = None,
+    bounds: np.ndarray | None = None,
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
 
@@ -62,6 +64,7 @@ def torque_fit(
         physical: the set of physical ones.
         windows: the rows.
         stated: A (k, p) and b (k) of equations A a = b beside them, whitened; by default none.
+        bounds: (2, p) of the parameters; one beyond its bound is stated to be there. None: none.
     """
     A, b = (np.zeros((0, len(names))), np.zeros(0)) if stated is None else stated
     noise, least = noise_levels(windows.tau)
@@ -72,6 +75,15 @@ def torque_fit(
         a = physical_fit(rows, y, physical, gamma=WEIGHT, near=a)
         noise = np.maximum(rms(windows.residual(a), 0), least)
     a = physical.center if a is None else a
+    if bounds is not None:
+        nearest = np.clip(a, *bounds)
+        beyond = np.flatnonzero(np.abs(a - nearest) > _WEIGHED * np.abs(nearest))
+        if beyond.size:
+            rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
+            both = np.vstack([A, rows]), np.append(b, np.full(beyond.size, 1.0 / _WEIGHED))
+            left = bounds.copy()
+            left[:, beyond] = [[-np.inf], [np.inf]]
+            return torque_fit(names, physical, windows, both, left)
     return torque_information(names, a, windows, (A, b))
 
 
@@ -152,6 +164,32 @@ def mass_equation(
         )
     deviation = _WEIGHED * mass
     return masses[None] / deviation, np.array([(mass - known) / deviation])
+
+
+def bounds_of_masses(
+    dynamics: Dynamics, given: Mapping[str, tuple[float, float]] | None
+) -> np.ndarray | None:
+    """Return the bounds (2, p) of the parameters, from those of masses by joint [kg].
+
+    Raises:
+        InputError: numbers that are no bounds, or a joint that moves no unknown body.
+    """
+    if not given:
+        return None
+    found = np.outer([-np.inf, np.inf], np.ones(dynamics.size))
+    end = f".{LABELS[0]}"
+    places = {n.removesuffix(end): i for i, n in enumerate(dynamics.names) if n.endswith(end)}
+    for name, bounds in given.items():
+        low, high = vector(bounds, 2, "mass_bounds").tolist()
+        if name not in places or not 0.0 < low < high:
+            raise InputError(
+                f"'{name}' from {low:g} to {high:g} kg are no bounds of a mass."
+                f"{did_you_mean(name, places)}",
+                where="mass_bounds",
+                hint=f"Name joints, which move bodies, of {list(places)}; 0 < low < high.",
+            )
+        found[:, places[name]] = low, high
+    return found
 
 
 def load_fit(

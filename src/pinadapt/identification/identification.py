@@ -34,6 +34,7 @@ from .estimator import Estimator
 from .fits import (
     Frames,
     Windows,
+    bounds_of_masses,
     frames_of,
     load_fit,
     mass_equation,
@@ -62,6 +63,7 @@ def identify(
     held_out: float = 0.25,
     total_mass: float | None = None,
     known_load: float | None = None,
+    mass_bounds: Mapping[str, tuple[float, float]] | None = None,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
@@ -91,6 +93,8 @@ def identify(
             told it: bodies that the motion does not tell apart then share it.
         known_load: mass of the load that the log with ``empty`` lacks [kg]: the gain of each
             joint's torque is then found from what is not held out, and divided out.
+        mass_bounds: least and largest mass of bodies [kg], by the joints that move them; one that
+            the log alone would put beyond is put there, to a thousandth.
         intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
             default, each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
@@ -100,8 +104,8 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, a mass that is not positive, a known load without ``empty``,
-            nothing is unknown, or a robot that has constraints.
+        InputError: unknown words, a mass that is not positive, bounds that are none, a known load
+            without ``empty``, nothing is unknown, or a robot that has constraints.
         ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
             that the torques do not show.
     """
@@ -187,6 +191,7 @@ def identify(
     names, physical = dynamics.names, physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model)
     weighed = mass_equation(dynamics, nominal, total_mass)
+    bounds = bounds_of_masses(dynamics, mass_bounds)
     load_estimate = gains = None
     for one in without:
         still = motion_of_log(nominal, one)
@@ -210,9 +215,9 @@ def identify(
         windows=windows,
         rows=seen,
         split=split,
-        dynamic=torque_fit(names, physical, learned_from, weighed),
+        dynamic=torque_fit(names, physical, learned_from, weighed, bounds),
         kinematic=located,
-        before_split=torque_fit(names, physical, first, weighed).estimate,
+        before_split=torque_fit(names, physical, first, weighed, bounds).estimate,
         unknown=unknown,
         effects=effects,
         position_before_split=position_fit(kinematics, seen_first).estimate,
