@@ -87,9 +87,9 @@ class PayloadEstimate(Printed):
         return Payload(self.mass, self.com, self.inertia)
 
     def sheet(self) -> Report:
-        """Return the table, and what the load accounts for."""
+        """Return the table, and what the load accounts for where other bodies changed too."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
-        return Report("Load", [self.table()], note)
+        return Report("Load", [self.table()], note if self.explained < 1.0 else "")
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
