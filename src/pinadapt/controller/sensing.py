@@ -39,8 +39,8 @@ _BRAKED = 20.0  # [rad/s^2, or of the reach for slides] by which friction stops 
 # a stop is refused, double: an encoder that freezes at slow speed is not found
 _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests; half:
 # friction keeps estimates moving, double: slow paths stop them
-# Of the reach, by which a frame, and all of them, may be off. Half and twice: an x that freezes on a
-# Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
+# Of the reach, by which a frame, and all of them, may be off. Half and twice: an x that freezes on
+# a Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
 # cameras with 4 mm of noise that is not declared are.
 _FRAME, _OFFSET = 0.02, 0.1
 _MOVING = 1.0 / 3.0  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
