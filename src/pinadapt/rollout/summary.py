@@ -278,7 +278,8 @@ def _longest(episodes: Sequence[Slowdown | Shortfall]) -> str:
     """Return how many times something happened, and when and why it did longest."""
     longest = max(episodes, key=lambda each: each.end - each.start)
     when = f"from {short(longest.start)} to {short(longest.end)} s"
-    return f"{len(episodes)} times, longest {when} by {longest.cause}"
+    count = "once," if len(episodes) == 1 else f"{len(episodes)} times, longest"
+    return f"{count} {when} by {longest.cause}"
 
 
 def _error(run: Recording, numbers: Numbers) -> str:
