@@ -351,6 +351,28 @@ def test_a_robot_that_stands_with_friction_in_its_joints_rests():
     assert np.abs(plant.measure().v).max() < 1e-6
 
 
-def test_a_log_of_a_robot_that_stands_is_not_identified_as_that_of_a_chain():
-    with pytest.raises(pa.InputError, match="forces of its constraints"):
-        pa.identify("no_file.csv", standing("a1"))
+@pytest.mark.slow
+def test_a_load_is_identified_from_a_log_of_a_robot_that_stands():
+    """Whatever forces bear it: the log has none of them."""
+    robot = standing("a1")
+    load = pa.Payload(5.0, (0.05, 0.02, 0.08))
+    true = robot.changed(payload=load, viscous=np.append(np.zeros(6), np.full(12, 0.1)))
+    sway = PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.015, 1.0), Swing((0.0, 1.0, 0.0), 0.1, 1.0)
+    )
+    rollout = pa.simulate(
+        true,
+        pa.make_controller(robot, unknown=TRUNK),
+        sway.starting_at(true.position(true.q0)).from_rest(0.3),
+        duration=3.0,
+        engine="mujoco",
+        progress=False,
+    )
+    found = pa.identify(rollout, robot, unknown="payload", progress=False)
+    bodies = [each.model.inertias[6] for each in (robot, found.robot, true)]
+    assert bodies[1].mass - bodies[2].mass == pytest.approx(0.0, abs=0.02)
+    assert np.abs(bodies[1].lever - bodies[2].lever).max() < 2e-3
+    errors = found.torque_errors
+    assert errors.learned_held_out.mean() < 0.05 * errors.described_held_out.mean()
+    off = (found.dynamic.estimate[0] - bodies[2].mass) / found.dynamic.deviations[0]
+    assert abs(off) < 4.0

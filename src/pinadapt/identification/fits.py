@@ -30,6 +30,7 @@ from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
+from ..robot.constraints import Constraints
 from ..robot.robot import Robot
 
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
@@ -126,7 +127,7 @@ def _with_gains(
         gain: deviation of the whole gains from one.
     """
     residual, n = windows.residual(a), len(gains)
-    noise = np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
+    noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
     W = np.concatenate([columns, windows.W], axis=2)
     prior, off = np.zeros((2, n + len(a)))
@@ -346,6 +347,7 @@ class Windows(NamedTuple):
         y: (N, n) torque without its known part [N m or N], or position [m].
         tau: (N, n) torque, or how far the frame moved.
         length: of a window [s].
+        repeated: root of n over the equations of a window that are independent.
     """
 
     t: np.ndarray
@@ -353,31 +355,45 @@ class Windows(NamedTuple):
     y: np.ndarray
     tau: np.ndarray
     length: float
+    repeated: float = 1.0
 
     @classmethod
-    def of(cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics) -> Windows:
+    def of(
+        cls,
+        motion: MeasuredMotion,
+        averages: Averages,
+        dynamics: Dynamics,
+        constraints: Constraints | None = None,
+    ) -> Windows:
         """Take the windows of a motion that have no gap.
 
         Args:
             motion: the samples.
             averages: over its windows.
             dynamics: of the unknown parameters.
+            constraints: of the robot, with feet that all stand; torques are then what no constraint
+                force changes, P tau, see ``FilteredRegressor``. None: there are none.
         """
-        n, size = motion.v.shape[1], dynamics.size
-        found = np.zeros((len(averages.t), n * (size + 1)))
+        n, size, P = motion.v.shape[1], dynamics.size, np.eye(motion.v.shape[1])
+        found, free = np.zeros((len(averages.t), n * (size + 1))), np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
             part = slice(start, start + 1000)
             moving, rest = [], []
-            for q, v in zip(motion.q[part], motion.v[part], strict=True):
+            for k, (q, v) in enumerate(zip(motion.q[part], motion.v[part], strict=True), start):
                 Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
-                moving.append(np.column_stack([Y_M, p_0]).ravel())
-                rest.append(np.column_stack([Y_0, tau_0]).ravel())
+                M, F = np.column_stack([Y_M, p_0]), np.column_stack([Y_0, tau_0])
+                if constraints is not None:
+                    P, P_rate = constraints.free(q, v)
+                    M, F, free[k] = P @ M, P @ F - P_rate @ M, P @ free[k]
+                moving.append(M.ravel())
+                rest.append(F.ravel())
             found += averages.phi[:, part] @ np.array(rest)
             found -= averages.rate[:, part] @ np.array(moving)
         whole, both = averages.whole, found.reshape(-1, n, size + 1)
-        tau = averages.mean(motion.tau)
+        tau, repeated = averages.mean(free), float(np.sqrt(n / np.trace(P)))
         y = tau - both[:, :, size]
-        return cls(averages.t[whole], both[whole, :, :size], y[whole], tau[whole], averages.length)
+        t, W = averages.t[whole], both[whole, :, :size]
+        return cls(t, W, y[whole], tau[whole], averages.length, repeated)
 
     def over(self, gains: np.ndarray) -> Windows:
         """Return the windows with the torques divided by gains (n)."""
@@ -389,7 +405,7 @@ class Windows(NamedTuple):
         half = 0.5 * self.length
         chosen = (self.t - half >= first) & (self.t + half <= last)
         t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
-        return Windows(t, W, y, tau, self.length)
+        return self._replace(t=t, W=W, y=y, tau=tau)
 
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""

@@ -77,6 +77,9 @@ def identify(
     quarter of the log is held out once, to measure how well the rest predicts it. Before anything
     is learned, ``check_torques`` compares the torques with the description.
 
+    Of a robot with constraints, whose contacts all hold, only what no constraint force changes is
+    compared; units and signs are not checked, and no effects are chosen.
+
     Args:
         log: a file, folder or ``Log``, see ``read_log``; or a rollout; or several of these.
         robot: as it is described, a ``Robot`` or what ``load`` takes.
@@ -105,18 +108,13 @@ def identify(
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
         InputError: unknown words, a mass that is not positive, bounds that are none, a known load
-            without ``empty``, nothing is unknown, or a robot that has constraints.
+            without ``empty``, or nothing is unknown.
         ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
             that the torques do not show.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
-    if described.constraints:
-        raise InputError(
-            "a log does not contain the forces of its constraints.",
-            where="robot",
-            hint="pa.Estimator learns from the same samples, whatever these forces are; a run's "
-            "rollout.learned() has what its controller learned.",
-        )
+    # their forces are not in a log; the equations are those that no such force changes
+    constraints = described.constrained if described.constraints else None
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)
@@ -144,7 +142,7 @@ def identify(
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
     check = None
-    if dynamics.size:
+    if dynamics.size and constraints is None:
         doubtful = any(way.doubtful for way in intakes)
         check = _torques_checked([*logs, *without], described, doubtful=doubtful)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
@@ -159,7 +157,7 @@ def identify(
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
     everything = nominal_dynamics(with_shafts(placed), whole, ())
-    windows = Windows.of(motion, averages, everything)
+    windows = Windows.of(motion, averages, everything, constraints)
     first = windows.between(-np.inf, split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
@@ -170,7 +168,8 @@ def identify(
         )
     effects = None
     others = given.friction is None and not given.effects
-    if (given.armature is None or others) and dynamics.joints is not None:
+    chosen = (given.armature is None or others) and constraints is None
+    if chosen and dynamics.joints is not None:
         effects = choose_effects(
             nominal,
             motion,
@@ -189,13 +188,13 @@ def identify(
         controller = _controller(nominal, unknown)
     dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
     names, physical = dynamics.names, physical_set(dynamics, nominal)
-    windows = Windows.of(motion, averages, model)
+    windows = Windows.of(motion, averages, model, constraints)
     weighed = mass_equation(dynamics, nominal, total_mass)
     bounds = bounds_of_masses(dynamics, mass_bounds)
     load_estimate = gains = None
     for one in without:
         still = motion_of_log(nominal, one)
-        bare = Windows.of(still, Averages(still.t, one.period), model)
+        bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
         whole_log = known_load is None and not tests
         loaded = windows if whole_log else windows.between(-np.inf, split)
         load_estimate, gains = load_fit(

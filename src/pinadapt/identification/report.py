@@ -231,7 +231,9 @@ class Identification(Printed):
         """Return the errors (n) of the held-out torques with another robot [N m or N]."""
         nothing = Unknown(bodies="none", friction=False, armature=False)
         dynamics = nominal_dynamics(robot, nothing, ())
-        windows = Windows.of(self.motion, Averages(self.motion.t, self.log.period), dynamics)
+        constraints = robot.constrained if robot.constraints else None
+        averages = Averages(self.motion.t, self.log.period)
+        windows = Windows.of(self.motion, averages, dynamics, constraints)
         return np.asarray(rms(windows.between(self.split, np.inf).y, 0))
 
     @cached_property

@@ -270,7 +270,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         refuse("t", f"{words}, so that their times are wrong.", "--repeated drop leaves them out.")
     if (other := _other_velocity(log, robot)) is not None:
         refuse("v", *other)
-    still = ~np.nan_to_num(log.tau).any(axis=0)
+    still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
         name = robot.joint_names[int(still.argmax())]
         refuse(
