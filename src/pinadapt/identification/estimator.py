@@ -8,7 +8,8 @@ momentum Y_M a + p_0 integrated by parts,
 N the projection onto what no constraint force changes, one for a chain. Every window that agrees
 with what was learned adds its products W^T W to those of its joint, so that noise and estimate
 follow from all motion as they do offline, whenever they are asked for. Joints have all coefficients
-of ``Friction``, near those of the description.
+of ``Friction``, near those of the description, and the last two may share a motor. While a joint
+stands its friction may be anything up to Coulomb's, and its equation counts less.
 
 A window that disagrees is set aside. If those after it agree again it was a push; if all of them
 agree with another load, that is the load. A load is ten parameters of its own in the axes of the
@@ -52,8 +53,7 @@ FADING = 0.1
 _LOADED = 12
 _EVERY = 8  # windows between comparisons' estimates; half and twice: the same to 1 %
 _RECENT = 75  # windows whose residuals tell how long errors last; half and twice: the same to 1 %
-# Deviations at which a window disagrees, and a motor of a wrist is clear; half: a UR10's error is
-# 9 % larger; twice: the same.
+# Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
 _ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
