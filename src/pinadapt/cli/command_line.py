@@ -11,6 +11,7 @@ import warnings
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import IntEnum
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +24,17 @@ from ..exceptions import InputError, PinadaptError
 if TYPE_CHECKING:
     from ..rollout.rollout import Rollout
 
-DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
+
+class Exit(IntEnum):
+    """Exit status of a command."""
+
+    DONE = 0
+    REFUSED = 2
+    DIVERGED = 3
+    INCOMPLETE = 4
+    INTERRUPTED = 130
+
+
 SCENARIO = ".toml"
 
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
@@ -84,13 +95,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return status
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
-        return INTERRUPTED
+        return Exit.INTERRUPTED
     except BrokenPipeError:  # whoever reads the output has closed it
         sys.stderr.close()
-        return DONE
+        return Exit.DONE
     except (PinadaptError, OSError) as error:  # OSError: outputs that cannot be written
         print(f"pinadapt: {error}", file=sys.stderr)
-        return REFUSED if isinstance(error, InputError | OSError) else DIVERGED
+        return Exit.REFUSED if isinstance(error, InputError | OSError) else Exit.DIVERGED
     finally:
         warnings.showwarning = shown
 
@@ -135,7 +146,7 @@ def robots(options: Namespace) -> int:
         for each in catalogue().values()
     ]
     print(Table(rows, ("name", "joints", "task", "frame", "from", "about")))
-    return DONE
+    return Exit.DONE
 
 
 class _WarningPrinter:
@@ -153,8 +164,8 @@ class _WarningPrinter:
 def status_of(*rollouts: Rollout) -> int:
     """Return the exit status of a command that ran these rollouts."""
     if interrupted(rollouts):
-        return INTERRUPTED
-    return DONE if all(rollout.diverged is None for rollout in rollouts) else DIVERGED
+        return Exit.INTERRUPTED
+    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
 
 
 def interrupted(rollouts: Sequence[Rollout]) -> bool:

@@ -15,16 +15,7 @@ from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
 from ..scenario.comparison import NOT_ADAPTED, comparison_table, laws_for, pairs_of, run_beside
 from ..scenario.scenario import Scenario
-from .command_line import (
-    DONE,
-    INTERRUPTED,
-    add_out,
-    add_scenario,
-    add_unadapted,
-    interrupted,
-    names,
-    status_of,
-)
+from .command_line import Exit, add_out, add_scenario, add_unadapted, interrupted, names, status_of
 from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -66,7 +57,7 @@ def compare(options: Namespace) -> int:
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
-    return INTERRUPTED if interrupted(rollouts) else DONE
+    return Exit.INTERRUPTED if interrupted(rollouts) else Exit.DONE
 
 
 def _run_all(

@@ -32,14 +32,7 @@ from ..scenario.scenario import Scenario, described_robot, trajectory_of
 from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
-from .command_line import (
-    DIVERGED,
-    DONE,
-    INTERRUPTED,
-    add_arguments_of,
-    add_settings,
-    given,
-)
+from .command_line import Exit, add_arguments_of, add_settings, given
 
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
@@ -161,8 +154,8 @@ def drive(options: Namespace) -> int:
         LearnedParameters.of(controller, ending.state).save(beside)
         print(f"learned parameters in {beside}")
     if any("interrupt" in why for _, _, why in ending.phases):
-        return INTERRUPTED
-    return DIVERGED if ending.failed else DONE
+        return Exit.INTERRUPTED
+    return Exit.DIVERGED if ending.failed else Exit.DONE
 
 
 def _tables(options: Namespace) -> tuple[Tables, Path]:
@@ -328,8 +321,8 @@ def replay(options: Namespace) -> int:
         print("\nthe same torques, bit for bit")
     elif not options.set:
         print("\nthe torques differ: other versions of the libraries, or another processor?")
-        return DIVERGED
-    return DONE
+        return Exit.DIVERGED
+    return Exit.DONE
 
 
 # --- tell ---------------------------------------------------------------------------------------
@@ -351,4 +344,4 @@ def tell(options: Namespace) -> int:
     value = None if options.value is None else _json(options.value, "value")
     for key, part in tell_loop(options.port, options.what, value).items():
         print(f"{key}: {part}")
-    return DONE
+    return Exit.DONE

@@ -24,10 +24,8 @@ from ..scenario.scenario import Scenario
 from ..scenario.tables import parts, toml_value
 from ..tuning.unknowns import Unknown
 from .command_line import (
-    DONE,
-    INCOMPLETE,
-    REFUSED,
     SCENARIO,
+    Exit,
     add_arguments_of,
     add_description,
     add_out,
@@ -275,7 +273,7 @@ def identify(options: Namespace) -> int:
         print(found.verdict)
     if missing:
         print(f"INCOMPLETE: {'; '.join(missing)}")
-    return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
+    return (Exit.INCOMPLETE if missing else Exit.DONE) if found.trusted else Exit.REFUSED
 
 
 def calibrate(options: Namespace) -> int:
@@ -298,7 +296,7 @@ def calibrate(options: Namespace) -> int:
     finally:
         print(found)  # even if it could not be written
     print(f"\nwritten to {folder}")
-    return DONE if found.trusted else REFUSED
+    return Exit.DONE if found.trusted else Exit.REFUSED
 
 
 def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
@@ -315,7 +313,7 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
     write_text(place, intake.text(about))
     print(check)
     print(f"\nwritten to {place}")
-    return DONE if check.fits else REFUSED
+    return Exit.DONE if check.fits else Exit.REFUSED
 
 
 def _check_place(folder: Path, files: Sequence[str]) -> None:

@@ -17,14 +17,7 @@ from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
 from ..simulation.simulate import watched
-from .command_line import (
-    DONE,
-    add_out,
-    add_scenario,
-    add_settings,
-    add_unadapted,
-    status_of,
-)
+from .command_line import Exit, add_out, add_scenario, add_settings, add_unadapted, status_of
 
 RUN_FILES = (
     "rollout.npz",
@@ -149,7 +142,7 @@ def _attached(scenario: Scenario, port: int) -> int:
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
         for _ in live.watch(samples):
             pass
-    return DONE
+    return Exit.DONE
 
 
 def _show(folder: Path) -> int:
@@ -165,7 +158,7 @@ def _show(folder: Path) -> int:
     address = page.resolve().as_uri()
     print(address)
     open_in_browser(address)
-    return DONE
+    return Exit.DONE
 
 
 def cite_arguments(parser: ArgumentParser) -> None:

@@ -10,15 +10,7 @@ from ..exceptions import InputError
 from ..sweep.cases import COPY, METHODS, Plan
 from ..sweep.execution import claimed, run_plan, scenario_of, work_of
 from ..sweep.table import CaseTable, read
-from .command_line import (
-    DONE,
-    INTERRUPTED,
-    add_arguments_of,
-    add_out,
-    add_processes,
-    add_scenario,
-    given,
-)
+from .command_line import Exit, add_arguments_of, add_out, add_processes, add_scenario, given
 from .run import run_into
 
 _OWN = {
@@ -84,7 +76,7 @@ def sweep(options: Namespace) -> int:
             f"Go on: pinadapt sweep {folder} --resume",
             file=sys.stderr,
         )
-        return INTERRUPTED
+        return Exit.INTERRUPTED
     return _show(table, plan, options.column, folder)
 
 
@@ -119,7 +111,7 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
         print(f"{key} = {value}")
     if plan.scenario is None:
         print(CaseTable([{"case": number, "seed": case.seed, **work_of(plan)(case)}]))
-        return DONE
+        return Exit.DONE
     return run_into(folder / f"case-{number}", scenario_of(plan.scenario, plan.folder, case))
 
 
@@ -129,9 +121,9 @@ def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
 
     if not len(table):
         print(f"no case has run; go on: pinadapt sweep {folder} --resume")
-        return DONE
+        return Exit.DONE
     report = SweepReport(table, plan, column, folder)
     report.save(folder)
     print(report.sheet())
     print(f"\nwritten to {folder}, see {folder / PAGE}")
-    return DONE
+    return Exit.DONE

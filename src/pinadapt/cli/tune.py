@@ -9,7 +9,7 @@ from .._output import check_writable, write_json
 from ..sweep.cases import Plan
 from ..sweep.tune import tune as search
 from .command_line import (
-    DONE,
+    Exit,
     add_arguments_of,
     add_out,
     add_processes,
@@ -75,4 +75,4 @@ def tune(options: Namespace) -> int:
             "--set " + " ".join(f"{key}={value}" for key, value in found.numbers["gains"].items())
         )
     print(f"{found}\n\nwritten to {folder}")
-    return DONE
+    return Exit.DONE

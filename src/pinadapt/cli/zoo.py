@@ -13,7 +13,7 @@ from ..laws import LAWS
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
 from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_arguments_of, add_out, add_processes, given, names
+from .command_line import Exit, add_arguments_of, add_out, add_processes, given, names
 
 TABLE = "zoo.json"
 
@@ -53,8 +53,8 @@ def zoo(options: Namespace) -> int:
     print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
     if len(rows) < len(names):
         print(f"interrupted, {len(names) - len(rows)} have not run")
-        return INTERRUPTED
-    return DONE
+        return Exit.INTERRUPTED
+    return Exit.DONE
 
 
 def zoo_table(rows: Sequence[Record]) -> str:
