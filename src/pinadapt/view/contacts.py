@@ -15,7 +15,7 @@ from ..controller.state import Sample
 from ..description.chain import frame_id
 from ..exceptions import ImplausibleError
 from ..robot.robot import Robot
-from .drawing import CONE, FORCE, Keyframes, Node, overlay, rod
+from .drawing import Colour, Keyframes, Node, overlay, rod
 
 HIDDEN = 1e-4  # scale of what is too small to be seen; half or twice: neither is
 
@@ -59,11 +59,13 @@ class DrawnContacts:
         for contact in robot.contacts:
             own = node[contact.frame]
             frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-            own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, CONE))
-            own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, FORCE))
+            own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, Colour.CONE))
+            own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, Colour.FORCE))
             if contact.sole is not None:
                 length, width = contact.sole
-                own["sole"].set_object(Box([2 * length, 2 * width, 0.01]), overlay(0.5, CONE))
+                own["sole"].set_object(
+                    Box([2 * length, 2 * width, 0.01]), overlay(0.5, Colour.CONE)
+                )
             self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
 
     def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from enum import IntEnum
 from threading import Lock
 from typing import Any, TypeAlias
 
@@ -21,9 +22,17 @@ from pinocchio.visualize import MeshcatVisualizer
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry
 from scipy.spatial.transform import Rotation
 
-# From the palette of Okabe and Ito, which colour-blind readers can distinguish.
-TRUE, ESTIMATED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
-FORCE, CONE = 0xCC79A7, 0x56B4E9
+
+class Colour(IntEnum):
+    """From the palette of Okabe and Ito, which colour-blind readers can distinguish."""
+
+    TRUE = 0xD55E00
+    ESTIMATED = 0x0072B2
+    DESIRED = 0x009E73
+    LOAD = 0xE69F00
+    BONES = 0x5A6472
+    FORCE = 0xCC79A7
+    CONE = 0x56B4E9
 
 
 class Window:
@@ -84,7 +93,7 @@ def overlay(opacity: float, colour: int) -> MeshLambertMaterial:
     return solid(colour, opacity, transparent=True, depthTest=False)
 
 
-def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
+def ghost(opacity: float = 0.4, colour: int = Colour.ESTIMATED) -> MeshLambertMaterial:
     """Return a translucent material, hidden where a solid one is at about the same place.
 
     About the same is within half a per cent of the picture's depth, 160 steps of its depth buffer.

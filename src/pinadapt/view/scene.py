@@ -17,13 +17,7 @@ from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.several_frames import FramesTask
 from .contacts import HIDDEN, DrawnContacts
 from .drawing import (
-    BONES,
-    CONE,
-    DESIRED,
-    ESTIMATED,
-    FORCE,
-    LOAD,
-    TRUE,
+    Colour,
     Keyframes,
     Node,
     Window,
@@ -196,7 +190,7 @@ class DrawnRobot:
         """Draw each load of a robot as a ball of steel of the same mass."""
         for k, (joint, load) in enumerate(robot.loads):
             ball, volume = self.loads(number)[joint][f"{k}"], load.mass / 7850.0  # [m^3]
-            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, LOAD))
+            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, Colour.LOAD))
             ball.set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
 
 
@@ -254,34 +248,34 @@ class Scene:
         self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
-        self._trace = overlay(1.0, TRUE) if true.contacts else solid(TRUE)
+        self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
         self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
-            self._solid.stick_figure(solid(BONES))
+            self._solid.stick_figure(solid(Colour.BONES))
             self._ghost.stick_figure(ghost())
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
         self._points = [self.root[_numbered("desired point", k)] for k in range(len(path))]
         for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
-            self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, DESIRED))
-            node.set_object(Sphere(0.034 * size), mark(0.5, DESIRED))
+            self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
+            node.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
 
     @property
-    def legend(self) -> dict[str, int]:
+    def legend(self) -> dict[str, Colour]:
         """Text -> colour, for what is drawn."""
         legend = {
-            "true tip and its path": TRUE,
-            "estimated tip, and robot where it differs": ESTIMATED,
-            "desired point and path": DESIRED,
+            "true tip and its path": Colour.TRUE,
+            "estimated tip, and robot where it differs": Colour.ESTIMATED,
+            "desired point and path": Colour.DESIRED,
         }
         if self.robots.robots[0].contacts:
-            legend |= {"chosen contact force": FORCE, "friction cone": CONE}
-        return legend | ({"load": LOAD} if any(r.loads for r in self.robots.robots) else {})
+            legend |= {"chosen contact force": Colour.FORCE, "friction cone": Colour.CONE}
+        return legend | ({"load": Colour.LOAD} if any(r.loads for r in self.robots.robots) else {})
 
     def show(
         self,
