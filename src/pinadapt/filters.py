@@ -427,13 +427,14 @@ class FilteredRegressor:
         The known parts are the last column.
         """
         (Y_M, Y_0, p_0, tau_0), bandwidth = self.dynamics.momentum(q, v), self.low_pass.bandwidth
-        fast = bandwidth * np.concatenate([Y_M, p_0[:, None]], axis=1)
-        u = fast - np.concatenate([Y_0, tau_0[:, None]], axis=1)
-        if self.constraints is None:
-            return fast, u, ()
-        P, P_rate = self.constraints.free(q, v, stands)
-        free = P, self.constraints.holding(stands)
-        return P.dot(fast), P.dot(u) + (P_rate / bandwidth).dot(fast), free
+        M = np.concatenate([Y_M, p_0[:, None]], axis=1)
+        F = np.concatenate([Y_0, tau_0[:, None]], axis=1)
+        free: tuple[np.ndarray, np.ndarray] | tuple[()] = ()
+        if self.constraints is not None:
+            M, F, P = self.constraints.project_momentum(M, F, q, v, stands)
+            free = P, self.constraints.holding(stands)
+        fast = bandwidth * M
+        return fast, fast - F, free
 
     def observe(
         self,

@@ -63,8 +63,9 @@ def test_a_load_is_found_while_walking():
         else:
             state = estimator.step(state, measurement, crawl.at(rollout.t[k - 1]).feet.stands)
     load = estimator.estimate(state).load
-    print(load)
     assert abs(load.mass - 6.0) < 0.1
+    with pytest.raises(pa.exceptions.LogError, match="moves by"):
+        pa.identify(rollout, robot, unknown="payload", progress=False)
 
 
 def test_forces_of_feet_in_the_air_are_zero():

@@ -25,7 +25,7 @@ ABSURD = 1e4
 # [m] by which a contact may move. Half: an A1 with a tenth of the declared friction is stopped
 # after 25 ms in place of 36, with half of it after 92 in place of 114, and so is a healthy Talos,
 # whose soles tip by 11.5 mm where its torque is infeasible; others that stand move by 2.4 at most
-_SLIP = 0.02
+SLIP = 0.02
 _IDEAL = Actuators()
 
 
@@ -168,7 +168,7 @@ def limits_for(
         ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         path,
-        np.inf if limits.guards is False else _SLIP,
+        np.inf if limits.guards is False else SLIP,
         _IDEAL if limits.actuators is None else limits.actuators,
     )
 

@@ -234,7 +234,7 @@ def load_fit(
         body_weights=np.append(np.ones(physical.bodies), FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    windows = Windows(t, np.concatenate(rows), y, tau, both[0].length)
+    windows = both[0]._replace(t=t, W=np.concatenate(rows), y=y, tau=tau)
     gains, stated, known = np.ones(tau.shape[1]), None, None
     a = torque_fit(names, whole, windows).estimate
     found = torque_information(names, a, windows, gain=GAIN)
@@ -383,8 +383,8 @@ class Windows(NamedTuple):
                 Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
                 M, F = np.column_stack([Y_M, p_0]), np.column_stack([Y_0, tau_0])
                 if constraints is not None:
-                    P, P_rate = constraints.free(q, v)
-                    M, F, free[k] = P @ M, P @ F - P_rate @ M, P @ free[k]
+                    M, F, P = constraints.project_momentum(M, F, q, v)
+                    free[k] = P @ free[k]
                 moving.append(M.ravel())
                 rest.append(F.ravel())
             found += averages.phi[:, part] @ np.array(rest)

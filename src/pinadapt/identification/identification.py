@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from .._checks import name_list, positive
 from ..controller.controller import Controller
-from ..controller.limits import Limits
+from ..controller.limits import SLIP, Limits
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
@@ -146,6 +146,7 @@ def identify(
         doubtful = any(way.doubtful for way in intakes)
         check = _torques_checked([*logs, *without], described, doubtful=doubtful)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
+    _check_contacts(nominal, motion)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
@@ -244,6 +245,28 @@ def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     ]
     *arrays, smoothed = zip(*parts, strict=True)
     return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
+
+
+def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
+    """Refuse a motion in which a contact lifts or slips.
+
+    Raises:
+        LogError: one does.
+    """
+    constraints, t = robot.constrained, motion.t
+    for k, step in enumerate(np.diff(t, prepend=-np.inf).tolist() if robot.contacts else ()):
+        constraints.at(motion.q[k], motion.v[k])
+        if step >= _PAUSE:  # another log
+            footing = np.zeros((0, 3))
+            step = 0.0
+        footing, moved = constraints.footing(footing, None, step)
+        if moved.max() > SLIP:
+            frame = robot.contacts[int(moved.argmax())].frame
+            raise LogError(
+                f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t[k]:.3g} s.",
+                where="q",
+                hint="pa.Estimator is told which contacts stand, sample by sample.",
+            )
 
 
 def _controller(robot: Robot, unknown: Unknown) -> Controller:

@@ -413,6 +413,18 @@ class Constraints:
         turning = (V.T / sizes).dot(U.T.dot(A_rate)).dot(P)  # A^+ = V^T / sizes U^T
         return P, -turning - turning.T
 
+    def project_momentum(
+        self,
+        M: np.ndarray,
+        F: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        stands: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return P M, P F - dP/dt M (n, c) and P, for d/dt (M a) + F a = tau to hold for P tau."""
+        P, P_rate = self.free(q, v, stands)
+        return P.dot(M), P.dot(F) - P_rate.dot(M), P
+
     def squeezes(self, size: int) -> Rows:
         """Return rows E (c, size) and numbers e (c) of the chosen squeezes: E f = e.
 
