@@ -27,7 +27,7 @@ START, SECONDS = "start", 4.0
 NUMBERS: dict[str, tuple[Any, str]] = {
     "w": (Separation, "own_bandwidth"),
     "K_v in w M": (separation, "_DAMPING"),
-    "load assumed for K_v, its mass": (separation, "_LOAD"),
+    "load assumed for K_v, its mass": (separation, "LOAD"),
     "its lever": (separation, "_ARM"),
     "lag": (separation, "_LAG"),
     "rho in w": (Separation, "prediction_mode"),

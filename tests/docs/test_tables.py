@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import tables
+from benchmarks import sensitivity, tables
 from pinadapt.sweep import CaseTable, Plan
 
 SWEPT = sorted(path.stem for path in tables.HERE.glob("*.csv"))
@@ -24,3 +24,7 @@ def test_a_table_has_the_cases_of_its_sweep_file(name):
         assert (row["case"], row["seed"]) == (case.number, case.seed)
         assert {key: "" if row[key] is None else row[key] for key in case.values} == case.values
         assert row["reason"] if row["status"] != "done" else row["reason"] is None
+
+
+def test_the_numbers_whose_sensitivity_is_measured_are_those_of_the_law():
+    assert all(getattr(*place) > 0.0 for place in sensitivity.NUMBERS.values())
