@@ -363,12 +363,14 @@ class Estimator:
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
         # of each joint: places of the load's columns and of its gear's among its own
-        self._rubbing = list[tuple[int, np.ndarray, np.ndarray, int]]()
+        self._loaded_gears = list[tuple[int, np.ndarray, np.ndarray, int]]()
         gears = zip(near, self._dry[:, _GEAR].tolist(), strict=True)
         for j, gear in gears if self._carried.size else ():
             at = self._places[j]
-            rubs = np.flatnonzero(np.isin(at, self._carried))
-            self._rubbing.append((j, rubs, at[rubs] - carried, int(np.searchsorted(at, gear))))
+            places = np.flatnonzero(np.isin(at, self._carried))
+            self._loaded_gears.append(
+                (j, places, at[places] - carried, int(np.searchsorted(at, gear)))
+            )
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
@@ -645,9 +647,9 @@ class Estimator:
         S, gears = list[Any]([None] * len(self._places)), self._dry[:, _GEAR]
         # a load that is unknown from the start cannot be told from an unknown last body
         told = state.load is not None and (self._alone or state.past.any())
-        shares = float(told) * self._B[gears[: len(self._rubbing)]] @ np.append(a, 0.0)
+        shares = float(told) * self._B[gears[: len(self._loaded_gears)]] @ np.append(a, 0.0)
         load = float(told) * a[self._load]
-        for (j, own, parts, gear), share in zip(self._rubbing, shares, strict=True):
+        for (j, own, parts, gear), share in zip(self._loaded_gears, shares, strict=True):
             S[j] = np.eye(len(self._places[j]))
             S[j][own, own] = share
             S[j][own, gear] = load[parts]

@@ -82,9 +82,9 @@ def torque_fit(
         if beyond.size:
             rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
             both = np.vstack([A, rows]), np.append(b, np.full(beyond.size, 1.0 / _WEIGHED))
-            left = bounds.copy()
-            left[:, beyond] = [[-np.inf], [np.inf]]
-            return torque_fit(names, physical, windows, both, left)
+            others = bounds.copy()
+            others[:, beyond] = [[-np.inf], [np.inf]]
+            return torque_fit(names, physical, windows, both, others)
     return torque_information(names, a, windows, (A, b))
 
 

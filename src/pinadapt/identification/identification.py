@@ -253,12 +253,12 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
     Raises:
         LogError: one does.
     """
-    constraints, t = robot.constrained, motion.t
-    for k, step in enumerate(np.diff(t, prepend=-np.inf).tolist() if robot.contacts else ()):
+    constraints, t, nowhere = robot.constrained, motion.t, np.zeros((0, 3))
+    footing = nowhere
+    for k, step in enumerate(np.diff(t, prepend=t[0]).tolist() if robot.contacts else ()):
         constraints.at(motion.q[k], motion.v[k])
         if step >= _PAUSE:  # another log
-            footing = np.zeros((0, 3))
-            step = 0.0
+            footing, step = nowhere, 0.0
         footing, moved = constraints.footing(footing, None, step)
         if moved.max() > SLIP:
             frame = robot.contacts[int(moved.argmax())].frame
