@@ -72,7 +72,7 @@ def test_effects_are_found_and_predict_the_held_out_torques():
         np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (found, plain)
     )
     assert left < 0.8 * without and plain.effects is None
-    assert all(part in found.report() for part in WORDS)
+    assert all(part in str(found) for part in WORDS)
     # the learned robot has the effects, and a controller can be made for it
     q, v, a = log.q[700], log.v[700], np.zeros(6)
     controller = pa.make_controller(found.robot, unknown=found.unknown)

@@ -6,7 +6,6 @@ import argparse
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -254,25 +253,20 @@ def identify(options: Namespace) -> int:
     except TorqueMismatchError as error:
         print(error.check)
         raise
-
-    def page(beside: Path) -> None:
-        write_text(beside / "report.html", found.page(compared))
-
-    missing: list[str] = []
+    missing = ""
     try:
         with one_run(folder, FILES) as beside:
-            for write in (found.plot, page, partial(found.save, mjcf=options.mjcf)):
-                try:
-                    write(beside)
-                except ParameterError as reason:
-                    missing.append(str(reason))
+            try:
+                found.save(beside, mjcf=options.mjcf, compared=compared)
+            except ParameterError as reason:
+                missing = str(reason)
     finally:
-        print(found.report())  # even if it could not be written
+        print(found)  # even if it could not be written
     print(f"\nwritten to {folder}")
     if not found.trusted:
         print(found.verdict)
     if missing:
-        print(f"INCOMPLETE: {'; '.join(missing)}")
+        print(f"INCOMPLETE: {missing}")
     return (Exit.INCOMPLETE if missing else Exit.DONE) if found.trusted else Exit.REFUSED
 
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..description.chain import (
-    configuration_from_angles,
     effort_limits,
     is_slide,
     position_limits,
@@ -46,13 +45,11 @@ class Shapes:
     Attributes:
         model: the robot's.
         geometry: the shapes, with the pairs.
-        names: (k) of the two links of each pair.
         margins: (k) distances to keep [m].
     """
 
     model: pin.Model
     geometry: pin.GeometryModel
-    names: tuple[tuple[str, str], ...]
     margins: np.ndarray
 
     @classmethod
@@ -84,17 +81,16 @@ class Shapes:
             if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        at_home, names, apart = _distances_of(robot.model, geometry, robot.q0[None])[0], [], []
+        at_home, apart = _distances_of(robot.model, geometry, robot.q0[None])[0], []
         for (i, j), distance in zip(pairs, at_home, strict=True):
             if distance > _TOUCHING:
-                names.append((links[i], links[j]))
                 apart.append(distance)
                 continue
             if links[j] == _FLOOR and joints[i] > 2:
                 raise _below(links[i], distance, robot)
             geometry.removeCollisionPair(pin.CollisionPair(i, j))
         margins = np.minimum(_APART * robot.reach, 0.5 * np.array(apart))
-        return cls(robot.model, geometry, tuple(names), margins) if names else None
+        return cls(robot.model, geometry, margins) if apart else None
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
@@ -241,20 +237,6 @@ class Allowance:
             ]
         )
 
-    def clearances(self, q: np.ndarray) -> np.ndarray:
-        """Return the distances (N) of configurations (N, nq) from the plane [m], or infinity."""
-        if self.plane is None:
-            return np.full(len(q), np.inf)
-        return self.plane.distances(self.robot.model, self.robot.frame_id, q)
-
-    def apart(self, q: np.ndarray) -> tuple[float, str]:
-        """Return the smallest distance of two shapes in configurations (N, nq) [m], and whose."""
-        if self.shapes is None:
-            return np.inf, ""
-        distances = self.shapes.distances(q).min(axis=0)
-        closest = int(np.argmin(distances))
-        return float(distances[closest]), " and ".join(self.shapes.names[closest])
-
     def excess(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return by how much N states exceed each allowance, relative to it (N, .); zero within."""
         return np.maximum(np.hstack(list(self._used(angles, q, v, a))) - 1.0, 0.0)
@@ -273,7 +255,8 @@ class Allowance:
         if np.isfinite(self.effort).any():
             yield (np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1)
         if self.plane is not None:
-            yield 2.0 - self.clearances(q)[:, None] / self.margin
+            heights = self.plane.distances(self.robot.model, self.robot.frame_id, q)
+            yield 2.0 - heights[:, None] / self.margin
         if self.shapes is not None:
             yield 2.0 - self.shapes.distances(q) / self.shapes.margins
 
@@ -305,10 +288,3 @@ def _range(
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))
     return np.maximum(low, home - reach), np.minimum(high, home + reach)
-
-
-def configurations(robot: Robot, angles: np.ndarray) -> np.ndarray:
-    """Return the configurations (N, nq) of angles (N, nv) [rad or m]."""
-    if robot.model.nq == robot.model.nv:
-        return angles
-    return np.array([configuration_from_angles(robot.model, each) for each in angles])

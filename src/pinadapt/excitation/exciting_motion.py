@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, instance, numbers, positive, whole
@@ -22,6 +23,7 @@ from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
 from ..information.information import BLOCK, Information, identifiable, parameter_table
+from ..information.measured_motion import integrated
 from ..information.payload import described_robot
 from ..models.basis import base_parameters
 from ..models.dynamics import Dynamics
@@ -31,7 +33,7 @@ from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
 from ..trajectories.periodic import FourierSeries
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .allowance import Allowance, Shapes, configurations
+from .allowance import Allowance, Shapes
 
 _NOISE = 0.01  # of the effort limit; half or twice as much changes the stated uncertainty by that
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
@@ -159,11 +161,16 @@ class _Search:
         values, vectors = np.linalg.eigh(prior @ prior.T)
         self._root = vectors * np.sqrt(np.maximum(values, 0.0))
 
+    def _configurations(self, angles: np.ndarray) -> np.ndarray:
+        """Return the configurations (N, nq) of angles (N, n) [rad or m]."""
+        model = self._allowed.robot.model
+        return integrated(model, pin.neutral(model), angles)
+
     def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
         displacement, v, a = self.basis.motion(theta)
         angles = self._home + displacement
-        return angles, configurations(self._allowed.robot, angles), v, a
+        return angles, self._configurations(angles), v, a
 
     def gain(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, first: int | None = None
@@ -252,7 +259,7 @@ class _Search:
         shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
-        q = configurations(self._allowed.robot, angles)
+        q = self._configurations(angles)
         gain, changes = self.gain(q, v, a, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
@@ -304,8 +311,7 @@ class ExcitingMotion(Printed):
             ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),
             ("parameters", f"{identifiable(found)}, {self.identifiable} by any motion"),
             ("efforts", f"with and without a load of {limits.load:.3g} kg"),
-            ("clearance", f"{limits.clearance:.3g} m above the mounting plane"),
-            ("distance", f"{limits.apart:.3g} m between {limits.closest}"),
+            ("distance", f"{limits.apart:.3g} m between two bodies"),
         ]
         note = "Collisions of the robot with its surroundings are not checked."
         if not np.isfinite(limits.apart):
@@ -324,11 +330,8 @@ class LimitUse:
         velocity: (n).
         effort: (n) the larger one with and without the heaviest load.
         load: mass of the heaviest load [kg], in the origin of the frame.
-        clearance: smallest distance of a joint or the frame from the mounting plane [m]; infinite
-            for a robot that moves along that plane.
         apart: smallest distance of two bodies, or of a body from the floor [m]; infinite where
             none was checked.
-        closest: the names of these two.
     """
 
     joints: tuple[str, ...]
@@ -336,9 +339,7 @@ class LimitUse:
     velocity: np.ndarray
     effort: np.ndarray
     load: float
-    clearance: float
     apart: float
-    closest: str
 
     @classmethod
     def of(
@@ -356,8 +357,7 @@ class LimitUse:
             np.abs(v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot.model),
             allowed.load,
-            float(np.min(allowed.clearances(q))),
-            *allowed.apart(q),
+            np.inf if allowed.shapes is None else float(allowed.shapes.distances(q).min()),
         )
 
     def table(self) -> Table:

@@ -265,7 +265,7 @@ def calibrate(
         outliers=int(np.count_nonzero(~kept)),
         before=errors[0],
         after=errors[1],
-        motion=math.sqrt(seen.task.positions) * spread(seen.x[:, : seen.task.positions]),
+        motion=math.sqrt(3.0) * spread(seen.x[:, :3]),
         source=name,
     )
 
@@ -314,8 +314,7 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
         if within.any():
             parts.append((q, frames[within]))
     sizes = {x.shape[1] for _, x in parts}
-    task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(min(sizes, default=0), robot.task)
-    if sizes != {task.coordinates} or not isinstance(task, FrameTask):
+    if sizes not in ({3}, {7}):
         raise LogError(
             "has no positions (3) or poses (7) of the frame at the times of q.",
             where=f"{where}: x",
@@ -324,7 +323,7 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
         )
     q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
     chosen = np.unique(np.linspace(0, len(x) - 1, 2000).astype(int))
-    return _MeasuredFrames(task, q[chosen], x[chosen])
+    return _MeasuredFrames(TASKS["xyz" if sizes == {3} else "pose"], q[chosen], x[chosen])
 
 
 def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) -> pin.SE3:
@@ -338,18 +337,13 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
             turned where they should be those of the base.
     """
     p = np.array([robot.placement(q).translation for q in seen.q])
-    x, motion = seen.x[:, : seen.task.positions], spread(p)
+    x, motion = seen.x[:, :3], spread(p)
     if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
             where=where,
             hint="Move every joint, such that the frame goes all over the workspace.",
         )
-    if x.shape[1] < 3:
-        check_axes(np.eye(2), p[:, seen.task.place], x, motion)
-        if tracker:
-            raise LogError("a tracker needs positions (3) or poses (7).", where=f"{where}: x")
-        return pin.SE3.Identity()
     U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
     straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, U @ V))
@@ -435,7 +429,7 @@ class _Unknown(NamedTuple):
                     found.append((full, joint, axes[:, k], prior[k], along, tracked))
         if TOOL in words:  # a position does not show how a tool is turned
             prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
-            for k in range(6 if task.size > task.positions else 3):
+            for k in range(task.size):
                 part = f"{TOOL}.{labels[k]}", model.njoints, np.eye(6)[k], prior[k], False, False
                 found.append(part)
         if not found:
@@ -517,8 +511,7 @@ class _Geometry:
             (M, m), and (M, m, p) by the parameters. Orientations are compared by the vector phi of
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
-        model, data, count = self.model, self._data, seen.task.positions
-        unknown, pose, place = self.unknown, seen.task.size > count, seen.task.place
+        model, data, unknown = self.model, self._data, self.unknown
         r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(unknown.names)))
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
@@ -528,10 +521,10 @@ class _Geometry:
             )
             K = np.hstack([K, np.kron(np.eye(2), at.rotation)]).reshape(6, -1, 6)
             W[k] = np.einsum("ipk,kp->ip", K[:, unknown.joints - 1], unknown.axes)
-            r[k, :3][place] = x[:count] - at.translation[place]
-            if pose:
+            r[k, :3] = x[:3] - at.translation
+            if len(x) > 3:
                 r[k, 3:] = pin.log3(matrix(x[3:]) @ at.rotation.T)
-        return r[:, seen.task.rows], W[:, seen.task.rows]
+        return r[:, : seen.task.size], W[:, : seen.task.size]
 
 
 def _shift_and_turn(placement: pin.SE3) -> np.ndarray:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -40,10 +40,9 @@ from .estimator import Estimator
 from .fits import GAIN, Windows, lasting_noise, torque_information
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
-from .torque_check import TorqueCheck, beyond
+from .torque_check import HEAVIEST, TorqueCheck
 
 FILES = (
-    "estimates.npz",
     "torque.png",
     "parameters.png",
     "learned.json",
@@ -90,13 +89,11 @@ def plain(value: Any) -> Any:
     """Return a value of what JSON has: None for what is not finite, records as their fields."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    if is_dataclass(value) and not isinstance(value, type):
-        value = asdict(value)
     if hasattr(value, "_asdict"):
         value = value._asdict()
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, list | tuple):
         return [plain(part) for part in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
@@ -196,7 +193,7 @@ class Identification(Printed):
         found = torque_information(names, a, windows, self.stated, gain=gain)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
-        return PayloadEstimate.of(own, known, plain.explained)
+        return PayloadEstimate.of(own, known)
 
     def _load_of(self, found: Information) -> PayloadEstimate:
         """Return the load that explains the change of the bodies, by their information."""
@@ -342,8 +339,9 @@ class Identification(Printed):
         load = self._loaded
         if load is None:
             return False
-        least = max(abs(load.mass) - load.mass_known_to, 0.0)
-        return beyond(self.described, float(np.copysign(least, load.mass))) <= 1.0
+        known, body = load.mass_known_to, self.described.model.inertias[-1].mass
+        heaviest = HEAVIEST * self.described.mass
+        return bool(load.mass - known <= heaviest and -load.mass - known <= body)
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
@@ -382,7 +380,7 @@ class Identification(Printed):
             "kinematic": self._rows(self.kinematic, start),
             "effects": () if effects is None else effects.gains,
             "gains": () if self.gains is None else self._rows(self.gains, self.gains.estimate**0),
-            "payload": self._loaded if self._carried else None,
+            "payload": vars(self._loaded) if self._carried else None,
             "version": __version__,
         }
 
@@ -410,8 +408,8 @@ class Identification(Printed):
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        if of["payload"] is not None:
-            tables.append(of["payload"].table())
+        if self._loaded is not None and self._carried:
+            tables.append(self._loaded.table())
         for part in ("effects", "gains", "kinematic", "dynamic"):
             records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
             if records:
@@ -447,41 +445,39 @@ class Identification(Printed):
         ]
         return Table(rows, ("error of held-out torques", *columns, ""))
 
-    def report(self) -> str:
-        """Return the estimates, their prediction errors, and what is not identifiable."""
-        return str(self)
-
-    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
-        """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
+    def save(
+        self,
+        folder: Path | str,
+        *,
+        mjcf: bool = False,
+        compared: Mapping[str, Robot] | None = None,
+    ) -> None:
+        """Write the report, its pictures, the robot, and its parameters: see ``FILES``.
 
         Args:
             folder: that takes the files.
             mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
+            compared: as of ``page``.
 
         Raises:
-            ParameterError: files of the robot that could not be written; the others are.
+            ParameterError: files that could not be written; the others are.
             OSError: they cannot be written.
         """
-        folder, online = Path(folder), self.online
-        with whole_file(folder / "estimates.npz") as file:
-            np.savez_compressed(
-                file,
-                t=online.t,
-                a=online.a,
-                names=self.estimator.names,
-                dynamic=self.dynamic.estimate,
-                dynamic_information=self.dynamic.H,
-                kinematic=self.kinematic.estimate,
-                kinematic_information=self.kinematic.H,
-            )
+        folder = Path(folder)
+        for name, figure in vars(self.plot()).items():
+            with whole_file(folder / f"{name}.png") as file:
+                file.write(figure.png(dpi=130))
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
         write_text(folder / "intake.toml", self.intake.text([about]))
         write_text(folder / "summary.json", json.dumps(self.summary(), indent=2) + "\n")
         missing = []
-        for name in ("learned.urdf", "learned.xml")[: 1 + mjcf]:
+        for name in ("report.html", "learned.urdf", "learned.xml")[: 2 + mjcf]:
             try:
-                self.robot.save(folder / name)
+                if name == "report.html":
+                    write_text(folder / name, self.page(compared))
+                else:
+                    self.robot.save(folder / name)
             except InputError as reason:
                 missing.append(f"{name}: {reason}")
         if missing:
@@ -507,15 +503,8 @@ class Identification(Printed):
         ]
         return html_page(whole.title, parts)
 
-    def plot(self, folder: Path | str | None = None) -> Any:
-        """Draw measured and predicted torques, and the online estimates in time.
-
-        Args:
-            folder: into which to write ``torque.png`` and ``parameters.png``.
-
-        Returns:
-            The figures ``torque`` and ``parameters``, or the paths of the files.
-        """
+    def plot(self) -> Any:
+        """Return the figures ``torque``, measured and predicted, and ``parameters``, online."""
         from ..plots.figures import parameter_figure, prediction_figure
         from ..plots.style import (
             RC,
@@ -543,12 +532,4 @@ class Identification(Printed):
         with matplotlib.rc_context(RC):
             torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, self.split)
             parameters = parameter_figure(online)
-        figures = SimpleNamespace(torque=torque, parameters=parameters)
-        if folder is None:
-            return figures
-        paths = []
-        for name, picture in vars(figures).items():
-            paths.append(Path(folder) / f"{name}.png")
-            with whole_file(paths[-1]) as file:
-                file.write(picture.png(dpi=130))
-        return paths
+        return SimpleNamespace(torque=torque, parameters=parameters)

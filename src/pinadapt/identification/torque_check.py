@@ -29,9 +29,9 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from .._output import Printed, Report, Table, cell
-from ..description.chain import angles_from_configuration, configuration_from_angles
+from ..description.chain import angles_from_configuration
 from ..information.information import Information, rms
-from ..information.measured_motion import Averages
+from ..information.measured_motion import Averages, integrated
 from ..logs.log import Log
 from ..models.bodies import ALL, BodyDynamics
 from ..models.physical_fit import physical_set
@@ -58,7 +58,7 @@ _OFF = 0.6
 _WORTH = 5.0
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
-_HEAVIEST = 1.0 / 3.0
+HEAVIEST = 1.0 / 3.0
 # [rad or m] of a position that is off. 20 degrees of a Panda show as 0.17 to 0.5: twice misses its
 # third joint.
 _LEAST_ANGLE = 0.1
@@ -267,9 +267,7 @@ class _Fit(NamedTuple):
 
 def _each(motion: _Motion, model: pin.Model, function: Any) -> np.ndarray:
     """Return a function of configuration, velocity and acceleration in each window."""
-    data, q = model.createData(), motion.q
-    if model.nq != model.nv:
-        q = np.array([configuration_from_angles(model, row) for row in q])
+    data, q = model.createData(), integrated(model, pin.neutral(model), motion.q)
     states = zip(q, motion.v, motion.a, strict=True)
     return np.array([function(model, data, *each).copy() for each in states])
 
@@ -314,15 +312,9 @@ def _deviations(robot: Robot) -> np.ndarray:
     from scipy.linalg import block_diag  # here, because scipy is slow to import
 
     bodies = physical_set(BodyDynamics(robot, ALL), robot)
-    radius = _HEAVIEST * robot.reach
-    usual = _HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
+    radius = HEAVIEST * robot.reach
+    usual = HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
     return np.asarray(block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual)))
-
-
-def beyond(robot: Robot, mass: float) -> float:
-    """Return by what factor a load [kg] is beyond what an arm carries or lacks; to one: none."""
-    body = max(float(robot.model.inertias[robot.model.njoints - 1].mass), _EPS)
-    return max(mass / (_HEAVIEST * robot.mass), -mass / body)
 
 
 def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:

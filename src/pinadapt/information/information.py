@@ -102,11 +102,6 @@ class Information:
         """Number of identifiable combinations of the parameters."""
         return self._singular[1].size
 
-    @property
-    def combinations(self) -> np.ndarray:
-        """The identifiable combinations (r, p) of the parameters."""
-        return self._singular[2].T * self.scale
-
     @cached_property
     def _root(self) -> np.ndarray:
         """L (p, r) of the covariance L L^T."""

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.ndimage import uniform_filter1d
 
 from .._checks import LARGEST, instance
-from ..description.chain import configuration_from_angles
 from ..exceptions import LogError, did_you_mean
+from ..information.measured_motion import integrated
 from ..robot.robot import Robot
 
 SIGNALS = ("q", "v", "tau")  # of the joints
@@ -30,8 +29,6 @@ _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve 
 _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
-_MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
-_AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +136,8 @@ class Log:
     def configurations(self, robot: Robot) -> np.ndarray:
         """Return q (N, nq) as Pinocchio has it; NaN where a joint was not measured."""
         model: pin.Model = robot.model
-        if self.q.shape[1] == model.nq:
-            return self.q
-        found = np.full((len(self.q), model.nq), np.nan)
-        for k in np.flatnonzero(np.isfinite(self.q).all(axis=1)):
-            found[k] = configuration_from_angles(model, self.q[k])
-        return found
+        known = self.q.shape[1] == model.nq
+        return self.q if known else integrated(model, pin.neutral(model), self.q)
 
     def from_zero(self) -> Log:
         """Return the log with times from its first sample, where they count from an epoch."""
@@ -268,8 +261,6 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     if share > _REPEATED:
         words = f"{share:.0%} of the samples repeat the one before in all numbers"
         refuse("t", f"{words}, so that their times are wrong.", "--repeated drop leaves them out.")
-    if (other := _other_velocity(log, robot)) is not None:
-        refuse("v", *other)
     still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
         name = robot.joint_names[int(still.argmax())]
@@ -278,32 +269,6 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
             f"the torque of {name} is zero in all samples: not recorded.",
             f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
-
-
-def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
-    """Return what is wrong with velocities that disagree with the positions, and what to try."""
-    if log.v is None:
-        return None
-    q = log.configurations(robot)
-    moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
-    rates, means = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
-    both = np.isfinite(rates) & np.isfinite(means)
-    # averages, in which the noise of differenced encoders cancels
-    rates, means = (
-        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0) for part in (rates, means)
-    )
-    size = np.mean(rates**2, axis=0)
-    factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
-    wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
-    if not wrong.any():
-        return None
-    j = int(wrong.argmax())
-    return (
-        f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
-        "positions: other units, another sign, or the other side of a gear.",
-        "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
-        "computed from the positions.",
-    )
 
 
 def joined(logs: Sequence[Log], pause: float) -> Log:
