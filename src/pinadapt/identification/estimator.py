@@ -86,15 +86,13 @@ class _Rows(NamedTuple):
 
     Attributes:
         t: time [s].
-        before: of the sample before [s].
-        N: (n, n) projections at the sample before, and at this one; ones of a chain.
+        N: (n, n) projection; one of a chain.
         M: (n, c + 3) momentum.
         F: (n, c + 3) all else; rest is one where a joint stands, else zero.
     """
 
     t: float
-    before: float
-    N: tuple[Any, Any]
+    N: Any
     M: np.ndarray
     F: np.ndarray
 
@@ -126,7 +124,7 @@ class EstimatorState(NamedTuple):
         samples: the last ones, as many as positions are smoothed over.
         begin: of the oldest open window [s].
         sums: (3, n, c + 3) over the open windows, the oldest first.
-        last: equations at the last sample, or the middle one; None: windows begin anew.
+        last: equations at the last two samples, or middle ones; none: windows begin anew.
         products: of the windows with the present load, one for each joint, of its columns.
         past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
@@ -143,7 +141,7 @@ class EstimatorState(NamedTuple):
     samples: tuple[Measurement, ...]
     begin: float
     sums: np.ndarray
-    last: _Rows | None
+    last: tuple[_Rows, ...]
     products: tuple[np.ndarray, ...]
     past: np.ndarray
     level: np.ndarray
@@ -352,7 +350,7 @@ class Estimator:
         self._T, _ = self._physical.local(self._physical.center)
         # which columns the equation of a joint has
         q, v, _ = random_states(robot.model, 1)[0]
-        rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v), None)
+        rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v))
         found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
@@ -369,6 +367,18 @@ class Estimator:
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         self._moving = np.isin(robot.joint_names, joints)
+        # what a state has learned at first
+        none, c = np.zeros(robot.model.nv), self._columns + 1
+        self._nothing: dict[str, Any] = {
+            "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
+            "past": np.zeros((c, c)),
+            "level": none,
+            "left": none,
+            "accepted": (0, 0, 0),
+            "recent": (),
+            "pending": (),
+            "prediction": None,
+        }
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
 
@@ -387,24 +397,9 @@ class Estimator:
         if self._held and measurement.tau is None:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
-        nothing = EstimatorState((), first.t, sums, None, load=self._usual, **self._nothing)
+        nothing = EstimatorState((), first.t, sums, (), load=self._usual, **self._nothing)
         state = self._advance(nothing, first)
         return state if payload is None else self.announce(state, payload)
-
-    @property
-    def _nothing(self) -> dict[str, Any]:
-        """What a state has learned at first."""
-        n, c = self.robot.model.nv, self._columns + 1
-        return {
-            "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
-            "past": np.zeros((c, c)),
-            "level": np.zeros(n),
-            "left": np.zeros(n),
-            "accepted": (0, 0, 0),
-            "recent": (),
-            "pending": (),
-            "prediction": None,
-        }
 
     def announce(self, state: EstimatorState, payload: Payload | None) -> EstimatorState:
         """Return the state after another load was taken up, as a tool changer tells.
@@ -418,7 +413,7 @@ class Estimator:
             RobotError: an impossible load.
         """
         # no window holds both loads
-        state = state._replace(samples=state.samples[-1:], last=None)
+        state = state._replace(samples=state.samples[-1:], last=())
         if payload is None:
             return self._begin_load(state, self._usual)
         placement = self.robot.model.frames[self.robot.frame_id].placement
@@ -445,37 +440,37 @@ class Estimator:
         known = state.stands
         if stands is not None and (known is None or not np.array_equal(stands, known)):
             # no window holds both
-            state = state._replace(samples=state.samples[-1:], last=None, stands=np.array(stands))
+            state = state._replace(samples=state.samples[-1:], last=(), stands=np.array(stands))
         if now.t <= state.t:
             raise ImplausibleError("t", now.t, f"is not after the last sample's, {state.t:g} s")
         if now.t - state.t > 2.0 * self.length / FEWEST:
-            state = state._replace(samples=(), last=None)
+            state = state._replace(samples=(), last=())
         return self._advance(state, now)
 
     def _advance(self, state: EstimatorState, sample: Measurement) -> EstimatorState:
         """Return the state after a sample that was checked."""
-        samples, last = (*state.samples, sample)[-self._count :], state.last
+        samples = (*state.samples, sample)[-self._count :]
         state = state._replace(samples=samples)
         if len(samples) < self._count:
             return state
         middle = samples[0] if self._count == 1 else self._smoothed(samples)
-        now = self._rows(middle, last, state.stands)
-        if last is None:
-            return state._replace(begin=now.t, sums=0.0 * state.sums, last=now)
-        elapsed = now.t - last.t
+        now = self._rows(middle, state.stands)
+        if not state.last:
+            return state._replace(begin=now.t, sums=0.0 * state.sums, last=(now, now))
+        before, last = state.last
         # the last sample is complete, as the time until the next one is known
         middles = state.begin + self.length * (0.5 + np.arange(OVERLAP) / OVERLAP)
         phi, rate = bump(last.t - middles, self.length)
-        share = 0.5 * (now.t - last.before)
-        F = share * np.dot(last.N[1], last.F) - 0.5 * np.dot(now.N[1] - last.N[0], last.M)
-        M, F[:, -1] = np.dot(last.N[1], last.M), share * last.F[:, -1]
+        share = 0.5 * (now.t - before.t)
+        F = share * np.dot(last.N, last.F) - 0.5 * np.dot(now.N - before.N, last.M)
+        M, F[:, -1] = np.dot(last.N, last.M), share * last.F[:, -1]
         if self._held:
             F[:, -2] = 0.0
         sums = state.sums + phi[:, None, None] * F - (share * rate)[:, None, None] * M
         if self._held:
-            between = bump(0.5 * (last.t + now.t) - middles, self.length)[0] * elapsed
-            sums[:, :, -2] += np.outer(between, np.dot(0.5 * (now.N[0] + now.N[1]), now.F[:, -2]))
-        state = state._replace(sums=sums, last=now)
+            between = bump(0.5 * (last.t + now.t) - middles, self.length)[0] * (now.t - last.t)
+            sums[:, :, -2] += np.outer(between, np.dot(0.5 * (last.N + now.N), now.F[:, -2]))
+        state = state._replace(sums=sums, last=(last, now))
         if now.t < state.begin + self.length:
             return state
         W, known, tau, rest = np.split(sums[0], [self._columns, -2, -1], axis=1)
@@ -522,9 +517,7 @@ class Estimator:
         value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
 
-    def _rows(
-        self, measurement: Measurement, last: _Rows | None, stands: np.ndarray | None = None
-    ) -> _Rows:
+    def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
         robot, n = self.robot, self.robot.model.nv
         t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
@@ -544,8 +537,7 @@ class Estimator:
             signs *= np.tanh(v / robot.friction.threshold)
             F[near[:, None], self._carried] = (signs[:, None] * g[:, self._own])[near]
         N = self._constraints.free(q, v, stands)[0] if robot.constraints else 1.0
-        before, projection = (t, N) if last is None else (last.t, last.N[1])
-        return _Rows(t, before, (projection, N), M, F)
+        return _Rows(t, N, M, F)
 
     def _compare(self, state: EstimatorState, found: Window) -> EstimatorState:
         """Return the state after a window, added or set aside."""
@@ -591,13 +583,13 @@ class Estimator:
             prediction = state.prediction or self._predict(state)
             M = self._products(state, prediction.lasting, prediction.a)
             if state.load is not None:
-                known = np.linalg.inv(self._T[self._load, self._load])
-                known = np.column_stack([known, known @ state.load])
-                columns = self._map(state.load)[:, self._load]
+                root = np.linalg.inv(self._T[self._load, self._load])
+                known = root.T @ root
+                columns = self._map(state.load, prediction.a)[:, self._load]
                 cross = columns.T @ M
-                inner = cross @ columns + known[:, :-1].T @ known[:, :-1]
-                cross[:, -1] += known[:, :-1].T @ known[:, -1]
-                M[-1, -1] += known[:, -1] @ known[:, -1]
+                inner = cross @ columns + known
+                cross[:, -1] += known @ state.load
+                M[-1, -1] += state.load @ known @ state.load
                 M -= cross.T @ np.linalg.solve(inner, cross)
             M[self._carried], M[:, self._carried] = 0.0, 0.0
             past = past + M
@@ -613,7 +605,7 @@ class Estimator:
         )
         return state._replace(prediction=self._predict(state)) if state.prediction else state
 
-    def _map(self, load: np.ndarray | None, a: np.ndarray | None = None) -> np.ndarray:
+    def _map(self, load: np.ndarray | None, a: np.ndarray) -> np.ndarray:
         """Return B: [W y] B are the equations in the parameters, linearised at a (p).
 
         With x the share by which friction near rest is larger, dry friction d has the columns
@@ -623,7 +615,6 @@ class Estimator:
         if load is not None:
             B[self._own, self._load] = np.eye(PER_BODY)
             B[self._carried, self._load] = np.eye(PER_BODY)[: self._carried.size]
-        a = self._physical.center if a is None else a
         first, last = self.dynamics.size, len(self.names)
         rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
         x, dry = a[last - near : last, None], self._B[self._dry] @ np.append(a, 0.0)
@@ -632,19 +623,17 @@ class Estimator:
         B[rows, -1] += x * dry  # as the product x d is in both columns
         return B
 
-    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[Any]:
+    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
         """Return S (k, k) of each joint: its [W y] S are linear in load and gear at a (p).
 
-        With s the share of a gear and l the load, the columns E of ``carried`` add s E l. None: S
-        is one, as no gear rubs under the load.
+        With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
-        S, gears = list[Any]([None] * len(self._places)), self._dry[:, _GEAR]
+        S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
         # a load that is unknown from the start cannot be told from an unknown last body
         told = state.load is not None and (self._alone or state.past.any())
         shares = float(told) * self._B[gears[: len(self._loaded_gears)]] @ np.append(a, 0.0)
         load = float(told) * a[self._load]
         for (j, own, parts, gear), share in zip(self._loaded_gears, shares, strict=True):
-            S[j] = np.eye(len(self._places[j]))
             S[j][own, own] = share
             S[j][own, gear] = load[parts]
             S[j][own, -1] = share * load[parts]
@@ -667,7 +656,7 @@ class Estimator:
         M = np.zeros_like(state.past)
         each = zip(self._places, state.products, self._gears(state, a), noise, strict=True)
         for at, one, S, size in each:
-            M[np.ix_(at, at)] += (one if S is None else S.T @ one @ S) / size**2
+            M[np.ix_(at, at)] += S.T @ one @ S / size**2
         return M
 
     def _equations(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -679,7 +668,7 @@ class Estimator:
         """Return w (k) of each joint: [W y] w are its residuals, with the present load."""
         w = self._map(state.load, a) @ np.append(-a, 1.0)
         gears = self._gears(state, a)
-        return [_times(S, w[at]) for at, S in zip(self._places, gears, strict=True)]
+        return [S @ w[at] for at, S in zip(self._places, gears, strict=True)]
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
@@ -718,7 +707,7 @@ class Estimator:
         lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
         X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
         slopes, gears = B[:, :-1] @ T @ X, self._gears(state, a)
-        each = [_times(S, slopes[at]) for at, S in zip(self._places, gears, strict=True)]
+        each = [S @ slopes[at] for at, S in zip(self._places, gears, strict=True)]
         return _Prediction(a, self._left(state, a), each, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
@@ -766,13 +755,11 @@ class Estimator:
         """Return parameters (p), others being near (p), and noise (n); some are as described."""
         physical, kept = self._prior(state), np.ones(len(self.names) + 1)
         kept[list(without)] = 0.0
-        a = start = near
-        if a is None:
-            a = physical.center
+        a = physical.center if near is None else near
         noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
         for _ in range(_ROUNDS):
             rows = _rows(self._equations(state, noise, a) * kept * kept[:, None])
-            a = start = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=start))
+            a = near = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=near))
             noise = self._noise(state, a, 0.0)
         a[list(without)] = physical.center[list(without)]
         return a, noise
@@ -792,11 +779,6 @@ class Estimator:
         """Return parameters (p) with friction near rest that is not negative."""
         first = len(a) - len(self._near)
         return np.append(a[:first], np.maximum(a[first:], -1.0))
-
-
-def _times(S: np.ndarray | None, X: np.ndarray) -> np.ndarray:
-    """Return S X, None being one."""
-    return X if S is None else S @ X
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
