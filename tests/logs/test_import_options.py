@@ -199,7 +199,11 @@ def test_an_intake_is_written_and_read(tmp_path):
         doubtful=True,
     )
     path = tmp_path / "a.toml"
-    for intake in (full, ImportOptions(), ImportOptions(mount="wall", joints={"tau": ["a", "b"]})):
+    for intake in (
+        full,
+        ImportOptions(),
+        ImportOptions(mount="ceiling", joints={"tau": ["a", "b"]}),
+    ):
         path.write_text(intake.text(["What was assumed."]))
         found = ImportOptions.of(path)
         for one in fields(ImportOptions):

@@ -32,7 +32,7 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, name_list, positive, word
+from .._checks import flag, name_list, word
 from .._output import Printed, Report, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError
@@ -199,7 +199,6 @@ def calibrate(
     *,
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
-    held_out: float = 0.25,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
@@ -218,7 +217,6 @@ def calibrate(
             "tool", or names of joints; "offsets" for the encoders alone.
         tracker: whether x is in axes of its own, anywhere; the placement of the first joint is then
             identified only relative to these, and stays as described.
-        held_out: share of the frames, at most a half.
         intake: how logs are to be read, as of ``identify``.
 
     Raises:
@@ -229,7 +227,6 @@ def calibrate(
     """
     described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
     described.check_single_frame()
-    share = positive(held_out, "held_out", most=0.5, error=InputError)
     words = name_list(unknown, "unknown", InputError)
     logs = [
         read_log(source, described, intake=intake, torques=False)
@@ -241,7 +238,8 @@ def calibrate(
     placements = _Unknown.of(described, words, seen.task, start if tracker else None)
     whole = _Geometry(described, placements, start)
     fit = _fitted(whole, seen, name)
-    kept, held = fit.kept, _held_out(len(seen.x), share)
+    kept = fit.kept
+    held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
     last, first = seen.only(kept & held), seen.only(kept & ~held)
     errors = []
     for some in (placements.only(placements.tracked), placements):
@@ -358,12 +356,6 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
             hint="If the tracker stands anywhere: tracker=True, or --tracker.",
         )
     return pin.SE3.Identity()
-
-
-def _held_out(count: int, share: float) -> np.ndarray:
-    """Return a mask (M) of the frames in blocks of time that are held out."""
-    held = np.floor(np.arange(1, _BLOCKS + 1) * share) > np.floor(np.arange(_BLOCKS) * share)
-    return np.asarray(held[np.arange(count) * _BLOCKS // count])
 
 
 # What is unknown

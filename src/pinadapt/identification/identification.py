@@ -46,7 +46,7 @@ from .logged_motion import motion_of_log
 from .online_estimates import OnlineEstimates
 from .report import Identification
 from .selection import choose_effects, with_shafts
-from .torque_check import TorqueCheck, check_torques, on_wall
+from .torque_check import TorqueCheck, check_torques
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
@@ -60,7 +60,6 @@ def identify(
     test: Any = (),
     empty: Any = None,
     unknown: Unknown | str | Sequence[str] | None = None,
-    held_out: float = 0.25,
     total_mass: float | None = None,
     known_load: float | None = None,
     mass_bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -91,7 +90,6 @@ def identify(
             log has positions of the frame, all bodies, and effects of the joints as the log shows
             them. Those effects are not chosen but taken as given with ``armature``, and with
             ``friction`` or ``effects``.
-        held_out: share of the log that is held out, at most a half.
         total_mass: of the whole robot when it moved, base and load included [kg], where a scale
             told it: bodies that the motion does not tell apart then share it.
         known_load: mass of the load that the log with ``empty`` lacks [kg]: the gain of each
@@ -115,7 +113,6 @@ def identify(
     described = robot if isinstance(robot, Robot) else load(robot)
     # their forces are not in a log; the equations are those that no such force changes
     constraints = described.constrained if described.constraints else None
-    share = positive(held_out, "held_out", most=0.5, error=InputError)
     if total_mass is not None:
         positive(total_mass, "total_mass", error=InputError)
     if known_load is not None:
@@ -147,7 +144,7 @@ def identify(
         check = _torques_checked([*logs, *without], described, doubtful=doubtful)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     _check_contacts(nominal, motion)
-    split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
+    split = float(motion.t[-1] - 0.25 * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     seen = position_windows(kinematics, motion, frames)
@@ -302,8 +299,6 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     """
     robot = intake.mounted(robot)
     log = read_log(source, robot, intake=intake)
-    if intake.mount == "wall":
-        robot = on_wall(log, robot)
     added = compensation_of(robot, intake.compensated)
     if added is None:
         return log, robot

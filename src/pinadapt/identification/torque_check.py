@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -177,25 +177,6 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     columns = (part.tolist() for part in (rms(motion.tau, 0), *plain[:5]))
     joints = tuple(map(JointFactor, robot.joint_names, *columns))
     return TorqueCheck(log.source, joints, tuple(causes), plain.load)
-
-
-def on_wall(log: Log, robot: Robot) -> Robot:
-    """Return a robot that hangs on a wall, with down along that axis which its torques show best.
-
-    Args:
-        log: checked, its columns in the order of the joints.
-        robot: as described, the third axis of its base normal to the wall.
-    """
-    motion, model = _averages(log, robot), robot.model.copy()
-
-    def likeness(gravity: np.ndarray) -> float:  # whatever units and signs of the torques are
-        model.gravity.linear = gravity
-        d = _each(motion, model, pin.rnea)
-        return float(np.sum(_compared(motion, motion.tau, d).correlation ** 2))
-
-    walls = (gravity for gravity in _mountings(robot) if not gravity[2])
-    model.gravity.linear = max(walls, key=likeness)
-    return replace(robot, model=model)
 
 
 class _Motion(NamedTuple):

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from .._checks import instance
 from .._output import Printed, Report, Table
 from ..exceptions import LogError
 from ..models.camera_kinematics import CameraKinematics
@@ -100,40 +101,37 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
             frame that hardly moves or not with the arm, millimetres, left-handed axes, another
             clock.
     """
-    if not isinstance(kinematics, TrackerKinematics):
-        raise LogError(
-            "these kinematics have no tracker.", hint="Take unknown=pa.Unknown(tracker=True)."
-        )
-    reach, a = kinematics.robot.reach, kinematics.initial
-    seen = _Seen.of(kinematics, samples)
+    own: TrackerKinematics = instance(kinematics, TrackerKinematics, "kinematics", LogError)
+    reach, a = own.robot.reach, own.initial
+    seen = _Seen.of(own, samples)
     p, x, motion = seen.p, seen.x, spread(seen.p)
     X, left, _ = seen.rows(a)
     size = np.arange(a.size).reshape(x.shape[1], -1)
     lumped = a.copy()
     lumped[size[:, :-1]] = 0.0  # of which only the sizes are known beforehand
-    prior = (LEAST_NOISE * reach / kinematics.sizes) ** 2 * len(p)
-    found = Information.of_rows(kinematics.names, lumped, X, left + X @ (a - lumped), prior=prior)
+    prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(p)
+    found = Information.of_rows(own.names, lumped, X, left + X @ (a - lumped), prior=prior)
     lumped = found.refined().estimate
     check_axes(lumped[size[:, :3]], p, x, motion)
-    tracker, W = kinematics.tracker(lumped), X.reshape(-1, a.size)
+    tracker, W = own.tracker(lumped), X.reshape(-1, a.size)
     y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *kinematics.translation_names)
+    names = (*turned, *own.translation_names)
     for _ in range(4):  # in which the noise is found
-        sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
+        sigma = _noise(seen.rows(own.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
-        tracker, told = kinematics.explaining_tracker(H, score, tracker)
-    a = kinematics.parameters(tracker)
+        tracker, told = own.explaining_tracker(H, score, tracker)
+    a = own.parameters(tracker)
     _, left, _ = seen.rows(a)
     seen.check("tracker", left, sigma, motion)
     known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
     prior = np.append(np.zeros(6), known[6:] ** -2)
-    rows = (X @ kinematics.slopes(tracker)).reshape(*x.shape, len(names))
+    rows = (X @ own.slopes(tracker)).reshape(*x.shape, len(names))
     deviations = Information.of_rows(names, known, rows, 0.0 * x, sigma, prior).deviations
     return FoundTracker(
         tracker,
         a,
-        np.linalg.cholesky(kinematics.information(tracker, told)).T,
+        np.linalg.cholesky(own.information(tracker, told)).T,
         deviations,
         names,
         sigma,
@@ -153,9 +151,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
         LogError: no camera explains the frames: fewer than four, a picture that hardly moves, in
             pixels, of another point, or of another clock.
     """
-    if not isinstance(kinematics, CameraKinematics):
-        raise LogError("these kinematics have no camera.", hint='Take the task "image".')
-    seen, reach = _Seen.of(kinematics, samples), kinematics.robot.reach
+    own: CameraKinematics = instance(kinematics, CameraKinematics, "kinematics", LogError)
+    seen, reach = _Seen.of(own, samples), own.robot.reach
     motion = spread(seen.x)
     size = motion / spread(seen.p)
     if size > 10.0:
@@ -163,7 +160,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
-    a_0, known = kinematics.standing_at(seen.x[0]), 1.0 / kinematics.sizes**2
+    a_0, known = own.standing_at(seen.x[0]), 1.0 / own.sizes**2
 
     def rows(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         W, left, _ = seen.rows(a)
@@ -182,7 +179,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return Information.of_rows(kinematics.names, a, W, 0.0 * r, prior=known)
+    return Information.of_rows(own.names, a, W, 0.0 * r, prior=known)
 
 
 class _Seen(NamedTuple):

@@ -99,10 +99,9 @@ class _Columns:
         names = list(labels)
         try:
             order = joint_order(names, joints, self._source)
-        except LogError as error:
+        except LogError:
             if set(joints) & set(names):
-                hint = f"--columns {signal}=NAME,NAME,... names them in the robot's order."
-                raise LogError(error.what, where=f"{self._source}: {signal}", hint=hint) from error
+                raise
             column = self.single(signal) if len(joints) == 1 else None
             return None if column is None else column[:, None]
         self.by_name = set(joints) <= set(names)

@@ -39,7 +39,7 @@ from .log import NAMES, SIGNALS, Log, joint_order
 
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
-MOUNTS = ("floor", "wall", "ceiling")
+MOUNTS = ("floor", "ceiling")
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class ImportOptions:
         pose_topic: of the frame's position in a bag.
         compensated: "nominal" if the arm compensates its gravity and logs the rest only.
         gravity: (3) in the axes of the robot's base [m/s^2].
-        mount: "floor", "ceiling", or "wall": then the torques show where down is.
+        mount: "floor" or "ceiling"; on a wall state ``gravity``.
         doubtful: whether to go on although the torques do not fit the description.
     """
 
@@ -143,8 +143,8 @@ class ImportOptions:
         return replace(self, **chosen)
 
     def mounted(self, robot: Robot) -> Robot:
-        """Return a robot with the stated gravity; on a wall it is not known here."""
-        if self.gravity is None and self.mount in (None, "wall"):
+        """Return a robot with the stated gravity."""
+        if self.gravity is None and self.mount is None:
             return robot
         model = robot.model.copy()
         size = float(np.linalg.norm(model.gravity.linear))

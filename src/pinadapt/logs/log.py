@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .._checks import LARGEST, instance
+from .._checks import LARGEST
 from ..exceptions import LogError, did_you_mean
 from ..information.measured_motion import integrated
 from ..robot.robot import Robot
@@ -107,12 +107,10 @@ class Log:
         Raises:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
-        names = instance(robot, Robot, "robot").joint_names
-        log = self
-        if self.joints and list(self.joints) != names:
-            log = replace(
-                self.ordered(joint_order(self.joints, names, self.source)), joints=tuple(names)
-            )
+        names, log = robot.joint_names, self
+        if self.joints:
+            log = self.ordered(joint_order(self.joints, names, self.source))
+            log = replace(log, joints=tuple(names))
         n, nq = robot.model.nv, robot.model.nq
         for name, part in log.signals().items():
             if part.shape[1] != n and (name != "q" or part.shape[1] != nq):
@@ -170,8 +168,8 @@ class Log:
         except (TypeError, ValueError) as error:
             raise LogError(f"expected numbers: {error}.", where=self._at(name)) from error
         if array.ndim != dimensions:
-            shape = "one number per sample" if dimensions == 1 else "a row of numbers per sample"
-            raise LogError(f"expected {shape}, got shape {array.shape}.", where=self._at(name))
+            words = f"expected an array of {dimensions} dimensions, got shape {array.shape}."
+            raise LogError(words, where=self._at(name))
         if (np.abs(array[np.isfinite(array)]) > LARGEST).any():
             raise LogError(f"has numbers beyond {LARGEST:g}.", where=self._at(name))
         return array
@@ -277,21 +275,16 @@ def joined(logs: Sequence[Log], pause: float) -> Log:
     Times of each count on from the one before. Velocities and positions of the frame are kept if
     all logs have them.
     """
-    if len(logs) == 1:
-        return logs[0]
-    source = ", ".join(log.source for log in logs)
-    times = list(zip(logs, starts_of(logs, pause), strict=True))
-    parts: dict[str, Any] = {
-        "t": np.concatenate([log.t + start for log, start in times]),
-        "x_time": np.concatenate([log.frames_time + start for log, start in times]),
-    }
-    for name in (*SIGNALS, "x"):
-        arrays = [getattr(log, name) for log in logs]
-        sizes = {None if array is None else array.shape[1] for array in arrays}
+    moved = [
+        replace(log, t=log.t + start, x_time=log.frames_time + start)
+        for log, start in zip(logs, starts_of(logs, pause), strict=True)
+    ]
+    parts: dict[str, Any] = {"source": ", ".join(log.source for log in logs)}
+    for name in ("t", *SIGNALS, "x", "x_time"):
+        arrays = [getattr(log, name) for log in moved]
+        sizes = {None if array is None else array.shape[1:] for array in arrays}
         parts[name] = np.concatenate(arrays) if len(sizes) == 1 and None not in sizes else None
-    if parts["x"] is None:
-        parts["x_time"] = None
-    return replace(logs[0], **parts, source=source)
+    return replace(logs[0], **parts)
 
 
 def starts_of(logs: Sequence[Log], pause: float) -> list[float]:
