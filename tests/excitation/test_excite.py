@@ -13,8 +13,10 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles, position_limits, velocity_limits
 from pinadapt.excitation.allowance import Allowance, Shapes
-from pinadapt.excitation.exciting_motion import RestToRest, _nominal_and_dynamics, _Search
+from pinadapt.excitation.exciting_motion import RestToRest, _Search
+from pinadapt.models.joint_effects import ALL
 from pinadapt.scenario.scenario import Scenario
+from pinadapt.tuning.unknowns import nominal_dynamics
 from tests.support.chains import catalogue_robot, random_robot
 
 pytestmark = pytest.mark.slow
@@ -45,7 +47,8 @@ def short_search(monkeypatch):
 
 def search(name):
     """Return a search for motions of a robot, and some of its coefficients."""
-    robot, dynamics = _nominal_and_dynamics(catalogue_robot(name), pa.Unknown(bodies="payload"))
+    robot = catalogue_robot(name)
+    dynamics = nominal_dynamics(robot, pa.Unknown(bodies="payload"), ALL)
     basis = RestToRest(HARMONICS[name], 6.0, 16 * HARMONICS[name])
     found = _Search(dynamics, Allowance.of(robot, None, None), basis)
     theta = np.random.default_rng(1).standard_normal((robot.model.nv, basis.size))
@@ -107,16 +110,6 @@ def test_any_chain_can_be_excited():
     path = motion.trajectory.positions(np.linspace(0.0, 4.0, 200)) - robot.home_angles
     assert np.abs(path).max() <= 0.4 + 1e-6
     assert motion.information.rank == motion.identifiable > 10
-
-
-@pytest.mark.usefixtures("short_search")
-def test_the_parameters_of_a_controller_are_excited():
-    described = catalogue_robot("planar_2r")
-    controller = pa.make_controller(
-        described, unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
-    )
-    motion = pa.excite(controller, duration=4.0)
-    assert motion.information.names == controller.dynamics.names
 
 
 @pytest.mark.usefixtures("short_search")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.information.information import torque_information
+from pinadapt.information.information import dynamic_information
 from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
@@ -34,7 +34,9 @@ def run(name, duration=2.0, still=False, camera=False, **options):
 def information(rollout):
     """Return the information in the torques of a run, at its last estimate."""
     evaluation = rollout.evaluated()
-    return torque_information(evaluation.controller, evaluation.samples, evaluation.last_state)
+    controller, a_d = evaluation.controller, evaluation.last_state.a_d
+    model = controller.kinematics.robot.model
+    return dynamic_information(controller.dynamics, model, evaluation.samples, a_d)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
 from pathlib import Path
 
 import tomlkit
@@ -15,7 +14,7 @@ from ..excitation.exciting_motion import ExcitingMotion
 from ..excitation.exciting_motion import excite as find
 from ..robot.loading import load
 from ..scenario.scenario import Scenario
-from ..scenario.tables import Tables, at_folder
+from ..scenario.tables import Tables, at_folder, parts
 from ..scenario.template import significant
 from ..tuning.unknowns import Unknown
 from .command_line import (
@@ -92,11 +91,8 @@ def _of_scenario(options: Namespace) -> tuple[Tables, ExcitingMotion]:
         )
     path = Path(options.source)
     scenario = Scenario.read(path)
-    controller, drawn = scenario.controller, scenario.estimated.drawn
-    if controller.nominal is not None:  # collisions are checked with the shapes
-        unloaded = replace(controller.nominal.unloaded, drawn=drawn)
-        controller.nominal = replace(controller.nominal, unloaded=unloaded)
-    return read_toml(path), find(controller, **given(options, _SEARCH))
+    unknown = parts(scenario.tables)["unknown"]
+    return read_toml(path), find(scenario.estimated, unknown=unknown, **given(options, _SEARCH))
 
 
 def _of_robot(options: Namespace) -> tuple[Tables, ExcitingMotion]:

@@ -19,12 +19,10 @@ from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, instance, numbers, positive, whole
 from .._output import Printed, Report, Table
-from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
 from ..information.information import BLOCK, Information, identifiable, parameter_table
 from ..information.measured_motion import integrated
-from ..information.payload import described_robot
 from ..models.basis import base_parameters
 from ..models.dynamics import Dynamics
 from ..models.excited import scales
@@ -44,7 +42,7 @@ _STEP = float(np.cbrt(np.finfo(float).eps))
 
 
 def excite(
-    robot: Robot | Controller,
+    robot: Robot,
     *,
     unknown: Unknown | str | Sequence[str] | None = None,
     duration: float = 10.0,
@@ -68,8 +66,7 @@ def excite(
     stay apart from each other, and all stay above a floor, see ``Shapes``.
 
     Args:
-        robot: the nominal model, of any task, at its home; or a controller, whose unknown
-            parameters are taken.
+        robot: the nominal model, of any task, at its home.
         unknown: what the motion is to excite, an ``Unknown`` or words for it; by default all
             bodies, friction and rotor inertias.
         duration: of the motion, and period of the series [s].
@@ -87,13 +84,13 @@ def excite(
         InputError: nothing is unknown, no motion identifies it, or impossible numbers.
         RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
-    nominal, dynamics = _nominal_and_dynamics(robot, unknown)
-    nominal.check_single_frame()
+    dynamics = nominal_dynamics(instance(robot, Robot, "robot"), Unknown.of(unknown), ALL)
+    robot.check_single_frame()
     duration = positive(duration, "duration", error=InputError)
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
-    shapes = Shapes.of(nominal, srdf, level)
-    allowed = Allowance.of(nominal, excursion, load, shapes, level)
+    shapes = Shapes.of(robot, srdf, level)
+    allowed = Allowance.of(robot, excursion, load, shapes, level)
     coarse, fine = (
         _Search(dynamics, allowed, RestToRest(harmonics, duration, count * harmonics))
         for count in (_PER_HARMONIC, _FINE)
@@ -101,7 +98,7 @@ def excite(
     steps = watched(range(_ITERATIONS), progress, "excite")
     theta = fine.inside(coarse.best(whole(seed, "seed", 0), steps))
     return ExcitingMotion(
-        fine.basis.series(nominal.home_angles, theta),
+        fine.basis.series(robot.home_angles, theta),
         duration,
         fine.information(theta),
         dict(zip(dynamics.names, dynamics.units, strict=True)),
@@ -109,22 +106,6 @@ def excite(
         len(fine.chosen),
         fine.gain(*fine.states(theta)[1:])[0],
     )
-
-
-def _nominal_and_dynamics(
-    given: Robot | Controller, unknown: Unknown | str | Sequence[str] | None
-) -> tuple[Robot, Dynamics]:
-    """Return the nominal robot and the dynamics of its unknown parameters.
-
-    Raises:
-        InputError: unknown words, or both a controller and what is unknown.
-    """
-    instance(given, Robot | Controller, "robot")
-    if isinstance(given, Robot):
-        return given, nominal_dynamics(given, Unknown.of(unknown), ALL)
-    if unknown is not None:
-        raise InputError("a controller has its own unknown parameters.", where="unknown")
-    return described_robot(given), given.dynamics
 
 
 class _Search:

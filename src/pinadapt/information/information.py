@@ -78,11 +78,6 @@ class Information:
         rows = np.concatenate([(W / sizes[:, None]).reshape(r.size, p), np.diag(known)])
         return cls(tuple(names), estimate, *square(rows, np.append(r / sizes, known * off)))
 
-    @property
-    def H(self) -> np.ndarray:
-        """The information matrix (p, p), in units of 1 / (parameter unit)^2."""
-        return self.R.T @ self.R
-
     @cached_property
     def scale(self) -> np.ndarray:
         """Scale (p) of each parameter's effect; the largest one if it has no effect."""
@@ -151,15 +146,6 @@ class Information:
     def deviations(self) -> np.ndarray:
         """Uncertainty (p) of each parameter's estimate; infinite where it is not identifiable."""
         return self.deviation(np.eye(len(self.names)))
-
-
-def torque_information(
-    controller: Controller, samples: Sequence[Sample], state: ControllerState
-) -> Information:
-    """Return the information of measured motion and torque on the dynamic parameters at a state."""
-    return dynamic_information(
-        controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
-    )
 
 
 def dynamic_information(
@@ -355,7 +341,6 @@ class Excitation(Printed):
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
         tables = [parameter_table(part, self.units) for part in seen.values()]
-        overview = overview or [("nothing", "was adapted")]
         return Report("Excitation", [Table(overview), *tables])
 
 
@@ -373,16 +358,9 @@ def estimate_table(
     what: str = "parameter",
 ) -> Table:
     """Return a row for each number (k): its name, its value, its uncertainty, its unit."""
-    rows = [
-        (name, f"{value:.4g}", known_to(deviation), unit)
-        for name, value, deviation, unit in zip(names, values, deviations, units, strict=True)
-    ]
+    known = [f"+- {d:.2g}" if np.isfinite(d) else "not identifiable" for d in deviations]
+    rows = list(zip(names, (f"{value:.4g}" for value in values), known, units, strict=True))
     return Table(rows, (what, "estimate", "known to", "unit"))
-
-
-def known_to(deviation: float) -> str:
-    """Return an uncertainty in words: its number, or that there is none."""
-    return f"+- {deviation:.2g}" if np.isfinite(deviation) else "not identifiable"
 
 
 def identifiable(part: Information) -> str:
@@ -397,13 +375,12 @@ class MotionTorques:
     Attributes:
         excited: which combinations of the parameters the motion excites.
         sums: of the torques, from which follow their errors at any estimate.
-        first, last: (p) the estimates at the first and at the last sample.
+        first: (p) the estimate at the first sample.
     """
 
     excited: Excited
     sums: TorqueErrors
     first: np.ndarray
-    last: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -440,7 +417,7 @@ class TorquePrediction:
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
         """Take the numbers of a motion, with the true parameters (p) or None."""
-        excited, left, ends = torques.excited, None, (torques.first, torques.last)
+        excited, left, ends = torques.excited, None, (torques.first, torques.sums.at)
         if truth is not None:
             before, after = (excited.distance(a, truth) for a in ends)
             left = after / before if before > 0.0 else None
@@ -478,7 +455,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         Y = free @ Y
         residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
     sums = TorqueErrors(Y, residual, tau, last)
-    return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
+    return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first)
 
 
 def along_excited(
@@ -497,4 +474,4 @@ def along_excited(
     last = whole if len(later) == len(samples) else motion_torques(controller, later)
     if whole is None or last is None:
         return None
-    return AlongExcited(whole.excited, last.sums.relative_error(last.last))
+    return AlongExcited(whole.excited, last.sums.relative_error(last.sums.at))

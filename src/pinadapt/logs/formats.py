@@ -150,7 +150,7 @@ def read_log(
             source = _reader(path)(_file_of(path), options.read_joints(robot), options)
     elif options.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / options.rate)
-    log = source.from_zero()
+    log = source
     if options.repeated == "drop" and (again := repeated(log)).any():
         warnings.warn(
             f"{log.source}: {np.count_nonzero(again)} of {len(again)} samples repeat earlier ones "

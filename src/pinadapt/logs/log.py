@@ -25,7 +25,6 @@ NAMES = {
     "x": "x ee_position tool_position",
     "x_time": "x_time t_x camera_time",
 }
-_EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve days of recording
 _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
@@ -136,13 +135,6 @@ class Log:
         model: pin.Model = robot.model
         known = self.q.shape[1] == model.nq
         return self.q if known else integrated(model, pin.neutral(model), self.q)
-
-    def from_zero(self) -> Log:
-        """Return the log with times from its first sample, where they count from an epoch."""
-        if not len(self.t) or not self.t[0] > _EPOCH:
-            return self
-        x_time = None if self.x_time is None else self.x_time - self.t[0]
-        return replace(self, t=self.t - self.t[0], x_time=x_time)
 
     def sampled(self, kept: np.ndarray) -> Log:
         """Return the log with those of its samples that are kept (N)."""

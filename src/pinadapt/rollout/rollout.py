@@ -18,8 +18,8 @@ from ..information.information import (
     Excitation,
     Information,
     along_excited,
+    dynamic_information,
     position_information,
-    torque_information,
 )
 from ..information.payload import (
     ArmPrior,
@@ -180,7 +180,9 @@ class Rollout(Recording):
         evaluation, samples = self.evaluated(), self.samples_since_last_mark()
         controller, state = evaluation.controller, evaluation.last_state
         return Excitation(
-            torque_information(controller, samples, state),
+            dynamic_information(
+                controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
+            ),
             position_information(controller, samples, state),
             LearnedParameters.of(controller, state).units,
         )
