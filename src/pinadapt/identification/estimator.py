@@ -280,7 +280,7 @@ class Estimator:
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names)
-        near, tried = list[int](), tuple[Shaft, ...]()
+        rubbing, tried = list[str](), tuple[Shaft, ...]()
         if given.friction is None:
             if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
                 self.robot = robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
@@ -289,43 +289,42 @@ class Estimator:
             shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
-            near = [robot.joint_names.index(name) for name in joints]
+            rubbing = joints
             still, ones = self.robot.friction, np.ones(robot.model.nv)
             friction = replace(still, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
-        self._near = near
+        self._near = np.flatnonzero(np.isin(robot.joint_names, rubbing))
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         first = PER_BODY * names.index(robot.joint_names[carrier])
         self._own = slice(first, first + PER_BODY)
-        dry = [f"{robot.joint_names[j]}.{kind}" for j in near for kind in _DRY]
+        dry = [f"{name}.{kind}" for name in rubbing for kind in _DRY]
         places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
         self._dry = places.reshape(-1, len(_DRY))
         # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
-        self._columns = carried + (PER_BODY if near and not robot.constraints else 0)
+        self._fading = np.arange(dynamics.size, carried).reshape(self._dry.shape)
+        self._columns = carried + (PER_BODY if rubbing and not robot.constraints else 0)
         self._carried = np.arange(carried, self._columns)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
-        known = range(*self._own.indices(size)) if alone else ()
-        kept = [i for i in range(dynamics.size) if i not in known]
-        first = size - len(known)
+        kept = np.delete(np.arange(dynamics.size), self._own if alone else [])
+        first = size - (dynamics.size - len(kept))
         self._load = slice(first, first + PER_BODY)
         listed = [dynamics.names[i] for i in kept]
-        breakaways = [f"{robot.joint_names[j]}.breakaway" for j in near]
         self.names = (
             *listed[:first],
             *(f"load.{label}" for label in LABELS),
             *listed[first:],
-            *breakaways,
+            *(f"{name}.breakaway" for name in rubbing),
         )
-        coulomb = [f"{robot.joint_names[joint]}.coulomb" for joint in near]
-        self._coulomb = [self.names.index(name) for name in coulomb]
+        self._coulomb = [self.names.index(f"{name}.coulomb") for name in rubbing]
         wrist = [f"{part.name(robot.joint_names)}.{kind}" for part in tried for kind in USUAL]
         self._wrist = [self.names.index(name) for name in wrist]
         p = len(self.names)
+        self._rest = slice(p - len(rubbing), p)
         # [W y] B are the equations in the parameters, except those of the load
         self._B = np.zeros((self._columns + 1, p + 1))
-        rest = np.delete(np.arange(p - len(near)), self._load)
+        rest = np.delete(np.arange(p - len(rubbing)), self._load)
         self._B[kept, rest] = 1.0
         self._B[-1, -1] = 1.0
         if alone:
@@ -342,10 +341,10 @@ class Estimator:
         count = first // PER_BODY
         self._physical = PhysicalSet(
             count + 1,
-            np.append(center, np.zeros(len(near))),
+            np.append(center, np.zeros(len(rubbing))),
             weights,
             np.append(np.ones(count), FREE),
-            np.append(own.scales, np.ones(len(near))),
+            np.append(own.scales, np.ones(len(rubbing))),
         )
         self._T, _ = self._physical.local(self._physical.center)
         # which columns the equation of a joint has
@@ -354,15 +353,6 @@ class Estimator:
         found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
         found[:, -1] = True
         self._places = [np.flatnonzero(one) for one in found]
-        # of each joint: places of the load's columns and of its gear's among its own
-        self._loaded_gears = list[tuple[int, np.ndarray, np.ndarray, int]]()
-        gears = zip(near, self._dry[:, _GEAR].tolist(), strict=True)
-        for j, gear in gears if self._carried.size else ():
-            at = self._places[j]
-            places = np.flatnonzero(np.isin(at, self._carried))
-            self._loaded_gears.append(
-                (j, places, at[places] - carried, int(np.searchsorted(at, gear)))
-            )
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
@@ -526,16 +516,14 @@ class Estimator:
         size = self.dynamics.size
         M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
         F[:, -2], F[:, -1] = tau, np.abs(v) < robot.friction.threshold
-        near = np.array(self._near, dtype=int)
-        fading = np.exp(-np.abs(v[near]) / FADING)[:, None]
-        columns = np.arange(size, size + self._dry.size).reshape(self._dry.shape)
-        F[near[:, None], columns] = fading * Y_0[near[:, None], self._dry]
+        near = self._near[:, None]
+        F[near, self._fading] = np.exp(-np.abs(v[near]) / FADING) * Y_0[near, self._dry]
         if self._carried.size:
             _, g, _, g_0 = self.dynamics.momentum(q, 0.0 * v)
             bodies = self.dynamics.inertial.size
             signs = np.sign(g[:, :bodies] @ self.dynamics.initial[:bodies] + g_0)
             signs *= np.tanh(v / robot.friction.threshold)
-            F[near[:, None], self._carried] = (signs[:, None] * g[:, self._own])[near]
+            F[near, self._carried] = (signs[:, None] * g[:, self._own])[self._near]
         N = self._constraints.free(q, v, stands)[0] if robot.constraints else 1.0
         return _Rows(t, N, M, F)
 
@@ -611,16 +599,14 @@ class Estimator:
         With x the share by which friction near rest is larger, dry friction d has the columns
         d (sigma + x sigma exp(-|v| / fading)).
         """
-        B, near = self._B.copy(), len(self._near)
+        B = self._B.copy()
         if load is not None:
             B[self._own, self._load] = np.eye(PER_BODY)
             B[self._carried, self._load] = np.eye(PER_BODY)[: self._carried.size]
-        first, last = self.dynamics.size, len(self.names)
-        rows = first + np.arange(self._dry.size).reshape(self._dry.shape)
-        x, dry = a[last - near : last, None], self._B[self._dry] @ np.append(a, 0.0)
-        B[rows] += x[:, :, None] * self._B[self._dry]
-        B[rows, last - near + np.arange(near)[:, None]] += dry
-        B[rows, -1] += x * dry  # as the product x d is in both columns
+        x, dry = a[self._rest, None], self._B[self._dry] @ np.append(a, 0.0)
+        B[self._fading] += x[:, :, None] * self._B[self._dry]
+        B[self._fading, np.arange(len(a))[self._rest, None]] += dry
+        B[self._fading, -1] += x * dry  # as the product x d is in both columns
         return B
 
     def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
@@ -630,13 +616,14 @@ class Estimator:
         """
         S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
         # a load that is unknown from the start cannot be told from an unknown last body
-        told = state.load is not None and (self._alone or state.past.any())
-        shares = float(told) * self._B[gears[: len(self._loaded_gears)]] @ np.append(a, 0.0)
-        load = float(told) * a[self._load]
-        for (j, own, parts, gear), share in zip(self._loaded_gears, shares, strict=True):
-            S[j][own, own] = share
-            S[j][own, gear] = load[parts]
-            S[j][own, -1] = share * load[parts]
+        told = float(state.load is not None and (self._alone or bool(state.past.any())))
+        shares, load = told * (self._B[gears] @ np.append(a, 0.0)), told * a[self._load]
+        for j, gear, share in zip(self._near, gears, shares, strict=True):
+            whole, at = np.eye(self._columns + 1), self._places[j]
+            whole[self._carried, self._carried] = share
+            whole[self._carried, gear] = load[: self._carried.size]
+            whole[self._carried, -1] = share * load[: self._carried.size]
+            S[j] = whole[np.ix_(at, at)]
         return S
 
     def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
@@ -769,7 +756,7 @@ class Estimator:
         found = self._map(state.load, a) @ np.append(-a, 1.0)
         robot = self.dynamics.robot(-found[: self.dynamics.size], self.robot)
         breakaway = robot.friction.breakaway.copy()
-        breakaway[self._near] += a[len(a) - len(self._near) :]
+        breakaway[self._near] += a[self._rest]
         friction = replace(robot.friction, breakaway=breakaway)
         if self._wrist and (a[self._wrist] == self._physical.center[self._wrist]).all():
             friction = replace(friction, shafts=())
@@ -777,8 +764,9 @@ class Estimator:
 
     def _bound(self, a: np.ndarray) -> np.ndarray:
         """Return parameters (p) with friction near rest that is not negative."""
-        first = len(a) - len(self._near)
-        return np.append(a[:first], np.maximum(a[first:], -1.0))
+        a = a.copy()
+        a[self._rest] = np.maximum(a[self._rest], -1.0)
+        return a
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
