@@ -216,25 +216,23 @@ def load_fit(
         ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
     size = dynamics.inertial.size
-    own = size - PER_BODY
     if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
-    rows = []
-    for w, carried in zip(both, (1.0, 0.0), strict=True):
-        load = carried * w.W[:, :, own:size]
-        rows.append(np.concatenate([w.W[:, :, :size], load, w.W[:, :, size:]], axis=2))
-    t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
+    t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
+    load = W[:, :, size - PER_BODY : size].copy()
+    load[len(both[0].t) :] = 0.0
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, physical.center[own:size]),
+        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
         body_weights=np.append(np.ones(physical.bodies), FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    windows = both[0]._replace(t=t, W=np.concatenate(rows), y=y, tau=tau)
+    W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
+    windows = both[0]._replace(t=t, W=W, y=y, tau=tau)
     gains, stated, known = np.ones(tau.shape[1]), None, None
     a = torque_fit(names, whole, windows).estimate
     found = torque_information(names, a, windows, gain=GAIN)
@@ -282,50 +280,37 @@ def lasting_noise(residual: np.ndarray) -> np.ndarray:
     return np.asarray(rms(residual, 0) * np.sqrt(found))
 
 
-class Frames(NamedTuple):
-    """M positions or poses of the task frame, from a camera or tracker.
-
-    Attributes:
-        t: (M) when they were taken [s], ascending.
-        x: (M, m) coordinates of the task.
-    """
-
-    t: np.ndarray
-    x: np.ndarray
-
-
-def frames_of(log: Log, robot: Robot) -> Frames:
-    """Return the frames of a log in the coordinates of a robot's task; none where it has none.
+def frames_of(log: Log, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the frames of a log: times (M) [s], ascending, and coordinates of the task (M, m).
 
     Raises:
         LogError: coordinates that the task does not have.
     """
     (t, x), wanted = log.frames(), robot.task.coordinates
-    if not len(t):
-        return Frames(t, np.zeros((0, wanted)))
-    got = x.shape[1]
-    if got != wanted and wanted <= 3 <= got:
-        x, got = x[:, :3][:, robot.frame_task.place], wanted
-    if got != wanted:
+    if wanted <= 3 <= x.shape[1] != wanted:
+        x = x[:, :3][:, robot.frame_task.place]
+    if len(t) and x.shape[1] != wanted:
         raise LogError(
-            f"{got} coordinates, and the task '{robot.task.name}' has {wanted}.",
+            f"{x.shape[1]} coordinates, and the task '{robot.task.name}' has {wanted}.",
             where=f"{log.source}: x",
             hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, qw; a "
             'robot is loaded with task = "xyz" or "pose".',
         )
     order = np.argsort(t, kind="stable")
-    return Frames(t[order], x[order])
+    return t[order], x[order]
 
 
-def position_windows(kinematics: TaskKinematics, motion: MeasuredMotion, frames: Frames) -> Windows:
-    """Return the equations of the frames within a motion, as windows of no length.
+def position_windows(
+    kinematics: TaskKinematics, motion: MeasuredMotion, t: np.ndarray, x: np.ndarray
+) -> Windows:
+    """Return the equations of frames x (M, m) at times t (M) in a motion, windows of no length.
 
     Their signal is the measured less the described position, less its mean [m].
     """
-    within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, frames.t)
-    W, r = position_rows(kinematics, kinematics.initial, q, v, frames.x[within])
+    within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, t)
+    W, r = position_rows(kinematics, kinematics.initial, q, v, x[within])
     moved = r - r.mean(axis=0) if len(r) else r
-    return Windows(frames.t[within], W, r + W @ kinematics.initial, moved, 0.0)
+    return Windows(t[within], W, r + W @ kinematics.initial, moved, 0.0)
 
 
 def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:

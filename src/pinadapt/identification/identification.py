@@ -32,7 +32,6 @@ from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
 from .estimator import Estimator
 from .fits import (
-    Frames,
     Windows,
     bounds_of_masses,
     frames_of,
@@ -113,19 +112,18 @@ def identify(
     described = robot if isinstance(robot, Robot) else load(robot)
     # their forces are not in a log; the equations are those that no such force changes
     constraints = described.constrained if described.constraints else None
-    if total_mass is not None:
-        positive(total_mass, "total_mass", error=InputError)
-    if known_load is not None:
-        positive(known_load, "known_load", error=InputError)
-        if empty is None:
-            raise InputError(
-                "one log does not tell wrong gains from a heavier or lighter arm.",
-                where="known_load",
-                hint="Record the arm without the load too: --empty, in Python empty=...",
-            )
+    for name, mass in (("total_mass", total_mass), ("known_load", known_load)):
+        if mass is not None:
+            positive(mass, name, error=InputError)
+    if known_load is not None and empty is None:
+        raise InputError(
+            "one log does not tell wrong gains from a heavier or lighter arm.",
+            where="known_load",
+            hint="Record the arm without the load too: --empty, in Python empty=...",
+        )
     sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
-    for source in (*sources, *tests, *_several(() if empty is None else [empty])):
+    for source in (*sources, *tests, *([] if empty is None else [empty])):
         intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
@@ -147,7 +145,7 @@ def identify(
     split = float(motion.t[-1] - 0.25 * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
-    seen = position_windows(kinematics, motion, frames)
+    seen = position_windows(kinematics, motion, *frames)
     seen_first = seen.between(-np.inf, split)
     located = position_fit(kinematics, seen_first if tests else seen)
     placed = _placed(nominal, kinematics, located.estimate)
@@ -193,8 +191,8 @@ def identify(
     for one in without:
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
-        whole_log = known_load is None and not tests
-        loaded = windows if whole_log else windows.between(-np.inf, split)
+        part = split if tests or known_load is not None else np.inf
+        loaded = windows.between(-np.inf, part)
         load_estimate, gains = load_fit(
             model, physical_set(model, nominal), (loaded, bare), nominal, known_load
         )
@@ -317,13 +315,15 @@ def _placed(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
     return replace(robot, model=model)
 
 
-def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, Robot]:
+def _frames_and_task(
+    log: Log, robot: Robot, unknown: Unknown
+) -> tuple[tuple[np.ndarray, np.ndarray], Robot]:
     """Return the frames of a log and the robot; with a joint task if there are no frames."""
-    frames = Frames(np.zeros(0), np.zeros((0, 0)))
+    frames = np.zeros(0), np.zeros((0, 0))
     if log.x is not None and robot.task.positions:
         robot.check_single_frame()
         frames = frames_of(log, robot)
-    if len(frames.t):
+    if len(frames[0]):
         return frames, robot
     if unknown.translation_words(tool=False):
         raise ParameterError(

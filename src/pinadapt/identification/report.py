@@ -423,21 +423,16 @@ class Identification(Printed):
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        errors, others, joints = self.torque_errors, {}, self.described.joint_names
+        errors, joints = self.torque_errors, self.described.joint_names
+        columns = {"torque": errors.size, "described": errors.described_held_out}
         for name, robot in compared.items():
             if robot.joint_names != joints:
                 raise ParameterError(
                     f"its joints are {list(robot.joint_names)}, those of the log {list(joints)}.",
                     where=f"compared model {robot.name}",
                 )
-            others[name] = self._held_out(robot)
-        columns = {
-            "torque": errors.size,
-            "described": errors.described_held_out,
-            **others,
-            "identified": errors.learned_held_out,
-            "online": self.online_held_out,
-        }
+            columns[name] = self._held_out(robot)
+        columns |= {"identified": errors.learned_held_out, "online": self.online_held_out}
         values = np.array([[*part, rms(part)] for part in columns.values()]).T
         rows = [
             (name, *(f"{value:.3g}" for value in row), "")

@@ -49,8 +49,7 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
     t = own.single("t") if options.rate is None else samples / options.rate
     if found["tau"] is None:
         found["tau"] = np.full(found["q"].shape, np.nan)
-    stated = [table[name] for name in ("joint_names", "joints", "names") if name in table]
-    names = tuple(map(str, stated[0].ravel())) if stated and stated[0].dtype.kind in "US" else ()
+    names = tuple(map(str, table["joint_names"])) if "joint_names" in table else ()
     if own.by_name:
         names = names or tuple(joints)
     return Log(
