@@ -345,12 +345,9 @@ class Identification(Printed):
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
-        units = self.parameters().units
-        numbers = np.column_stack([described, part.estimate, part.deviations]).tolist()
-        return [
-            Parameter._make([name, *row, units.get(name, "")])
-            for name, row in zip(part.names, numbers, strict=True)
-        ]
+        units = [self.parameters().units.get(name, "") for name in part.names]
+        numbers = (each.tolist() for each in (described, part.estimate, part.deviations))
+        return list(map(Parameter, part.names, *numbers, units))
 
     @cached_property
     def _record(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -160,9 +160,7 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     if not len(motion.q):
         return TorqueCheck(log.source, (), ())
     plain = _fit(motion, robot)
-    undone = (
-        (cause, _fit(other, robot, **options)) for cause, other, options in _mistakes(motion, robot)
-    )
+    undone = ((cause, _fit(other, arm)) for cause, other, arm in _mistakes(motion, robot))
     likely = sorted(undone, key=lambda one: one[1].score)
     causes, best = list[str](), likely[0][1].score
     if best < plain.score - _SURELY:
@@ -180,13 +178,21 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
 
 
 class _Motion(NamedTuple):
-    """Averages over K windows: angles, velocities, accelerations, torques, signs of v: (K, n)."""
+    """Averages over K windows (K, n), of joints in rad or m.
+
+    Attributes:
+        q, v, a: angles, velocities, accelerations.
+        tau: torques.
+        signs: of v.
+        added: to these torques by the arm.
+    """
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
     tau: np.ndarray
     signs: np.ndarray
+    added: np.ndarray | float = 0.0
 
     def turned(self, scale: np.ndarray) -> _Motion:
         """Return it scaled by factors (n), the torques as they are."""
@@ -246,30 +252,23 @@ class _Fit(NamedTuple):
         return float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum()) + self.price
 
 
-def _each(motion: _Motion, model: pin.Model, function: Any) -> np.ndarray:
+def _each(motion: _Motion, robot: Robot, function: Any) -> np.ndarray:
     """Return a function of configuration, velocity and acceleration in each window."""
+    model = robot.model
     data, q = model.createData(), integrated(model, pin.neutral(model), motion.q)
     states = zip(q, motion.v, motion.a, strict=True)
     return np.array([function(model, data, *each).copy() for each in states])
 
 
-def _fit(
-    motion: _Motion,
-    robot: Robot,
-    gravity: np.ndarray | None = None,
-    added: np.ndarray | float = 0.0,
-) -> _Fit:
+def _fit(motion: _Motion, robot: Robot) -> _Fit:
     """Return the likelier fit of those without and with errors of the bodies and a load.
 
     These are the ones that best explain what the description leaves, near the description and a
-    usual load. Residuals are relative to the torques of the motion, less what is ``added`` (K, n).
+    usual load. Residuals are relative to the torques of the motion, less what is ``added``.
     """
-    model = robot.model.copy()
-    if gravity is not None:
-        model.gravity.linear = gravity
-    d, tau = _each(motion, model, pin.rnea), motion.tau + added
+    d, tau = _each(motion, robot, pin.rnea), motion.tau + motion.added
     bare = _compared(motion, tau, d)
-    Y, scale = _each(motion, model, pin.computeJointTorqueRegressor), _deviations(robot)
+    Y, scale = _each(motion, robot, pin.computeJointTorqueRegressor), _deviations(robot)
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
     none, fit = np.zeros(len(scale)), bare
@@ -316,52 +315,55 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
     return _Fit(described, factor, correlation, judged, ~judged | inside, shares)
 
 
-def _mistakes(
-    motion: _Motion, robot: Robot
-) -> Iterator[tuple[str, _Motion, dict[str, np.ndarray]]]:
-    """Yield the usual mistakes, and the motion and the options of ``_fit`` that undo each."""
-    names = robot.joint_names
-    for gravity in _mountings(robot):
+def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Robot]]:
+    """Yield the usual mistakes, and the motion and the robot that undo each."""
+    names, down = robot.joint_names, robot.model.gravity.linear
+    size = float(np.linalg.norm(down))
+    for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
+        if np.allclose(gravity, down, atol=0.1 * size):
+            continue
+        model = robot.model.copy()
+        model.gravity.linear = gravity
         option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}"
-        yield f"the base is mounted another way; {option}", motion, {"gravity": gravity}
+        yield f"the base is mounted another way; {option}", motion, replace(robot, model=model)
     cause = "they are without gravity, which the arm adds; --compensated nominal"
     rest = np.zeros_like(motion.v)
-    weight = _each(motion._replace(v=rest, a=rest), robot.model, pin.rnea)
-    yield cause, motion, {"added": weight}
+    weight = _each(motion._replace(v=rest, a=rest), robot, pin.rnea)
+    yield cause, motion._replace(added=weight), robot
     slides = np.array(list(robot.slides.values()))
     degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
-    yield "the angles are degrees; --degrees", degrees, {}
+    yield "the angles are degrees; --degrees", degrees, robot
     whole = np.arange(len(names))
     for j, name in enumerate(names):
         sign = np.where(whole == j, -1.0, 1.0)
         cause = f"the torque of {name} has the wrong sign; --flip {name}"
-        yield cause, motion._replace(tau=motion.tau * sign), {}
+        yield cause, motion._replace(tau=motion.tau * sign), robot
         cause = f"the position of {name} has the wrong sign; --flip q:{name}"
-        yield cause, motion.turned(sign), {}
+        yield cause, motion.turned(sign), robot
     for i, j in combinations(range(len(names)), 2):
         order = whole.copy()
         order[[i, j]] = j, i
         listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
         cause = f"the columns of {pair} are swapped; --joints {listed}"
-        yield cause, _Motion(*(part[:, order] for part in motion)), {}
+        yield cause, _Motion(*(part[:, order] for part in motion[:5])), robot
         cause = f"the torques of {pair} are swapped; --joints tau:{listed}"
-        yield cause, motion._replace(tau=motion.tau[:, order]), {}
+        yield cause, motion._replace(tau=motion.tau[:, order]), robot
     cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
-    yield cause, motion._replace(tau=-motion.tau), {}
-    bare = _compared(motion, motion.tau, _each(motion, robot.model, pin.rnea))
+    yield cause, motion._replace(tau=-motion.tau), robot
+    bare = _compared(motion, motion.tau, _each(motion, robot, pin.rnea))
     noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
     for j, name in enumerate(names):
         off = np.zeros(len(names))
         for _ in range(3):  # steps of Gauss-Newton
             near = (motion._replace(q=motion.q + off + step * (whole == j)) for step in (0.0, 1e-4))
-            d, more = (_each(one, robot.model, pin.rnea) for one in near)
+            d, more = (_each(one, robot, pin.rnea) for one in near)
             both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
             slope, rest = (both / noise[:, None]).T
             off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
         if abs(off[j]) < _LEAST_ANGLE:
             continue
         cause = f"the position of {name} is off; --offset {name}={off[j]:.3g}"
-        yield cause, motion._replace(q=motion.q + off), {}
+        yield cause, motion._replace(q=motion.q + off), robot
     # a load raises factors, up to twice
     clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
     factors = bare.factor[clear]
@@ -373,13 +375,4 @@ def _mistakes(
             "the data sheet's gains"
         )
         gains = np.where(clear, bare.factor, common)  # motors may be unlike
-        yield cause, motion._replace(tau=motion.tau / gains), {}
-
-
-def _mountings(robot: Robot) -> Iterator[np.ndarray]:
-    """Yield gravity (3) along the other axes of the base [m/s^2]."""
-    down = robot.model.gravity.linear
-    size = float(np.linalg.norm(down))
-    for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
-        if size and not np.allclose(gravity, down, atol=0.1 * size):
-            yield gravity
+        yield cause, motion._replace(tau=motion.tau / gains), robot
