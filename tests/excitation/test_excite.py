@@ -88,7 +88,7 @@ def test_it_excites_all_identifiable_combinations_and_gains_more_than_random_mot
     found, theta = search(name)
     rng = np.random.default_rng(5)
     others = [
-        found.gain(*found.states(found.inside(rng.standard_normal(theta.shape)))[1:])[0]
+        found.gain(found.states(found.inside(rng.standard_normal(theta.shape))))[0]
         for _ in range(5)
     ]
     assert motion.information_gain > np.max(others) + 1.0  # nat

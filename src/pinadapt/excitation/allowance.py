@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -139,6 +140,21 @@ def _convex(geometry: pin.GeometryModel) -> pin.GeometryModel:
     return geometry
 
 
+class States(NamedTuple):
+    """N states of the joints.
+
+    Attributes:
+        angles: (N, n) angles or displacements [rad or m].
+        q: (N, nq) the same as configurations.
+        v, a: (N, n) velocities and accelerations.
+    """
+
+    angles: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Allowance:
     """The ranges of position, velocity and effort that a motion of the joints may use.
@@ -227,33 +243,27 @@ class Allowance:
         kept = plane if distance > 0.0 else None
         return cls(robot, low, high, speed, effort, mass, loaded, kept, margin, shapes)
 
-    def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def torques(self, states: States) -> np.ndarray:
         """Return the torques (N, 2, n) of a motion without load and with the heaviest one."""
         models = [(model, model.createData()) for model in (self.robot.model, self.loaded)]
-        return np.array(
-            [
-                [pin.rnea(model, data, *state) for model, data in models]
-                for state in zip(q, v, a, strict=True)
-            ]
-        )
+        each = zip(*states[1:], strict=True)
+        return np.array([[pin.rnea(*model, *state) for model in models] for state in each])
 
-    def excess(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def excess(self, states: States) -> np.ndarray:
         """Return by how much N states exceed each allowance, relative to it (N, .); zero within."""
-        return np.maximum(np.hstack(list(self._used(angles, q, v, a))) - 1.0, 0.0)
+        return np.maximum(np.hstack(list(self._used(states))) - 1.0, 0.0)
 
-    def kept(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
+    def kept(self, states: States) -> bool:
         """Return whether N states are within all allowances; it stops at the first broken one."""
-        return all((used <= 1.0).all() for used in self._used(angles, q, v, a))
+        return all((used <= 1.0).all() for used in self._used(states))
 
-    def _used(
-        self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
-    ) -> Iterator[np.ndarray]:
+    def _used(self, states: States) -> Iterator[np.ndarray]:
         """Yield shares (N, .) of the allowances that N states use, one kind at a time."""
-        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        yield np.abs(angles - middle) / half
+        angles, q, v, _ = states
+        yield np.abs(2.0 * angles - self.low - self.high) / (self.high - self.low)
         yield np.abs(v) / self.speed
         if np.isfinite(self.effort).any():
-            yield (np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1)
+            yield (np.abs(self.torques(states)) / self.effort).reshape(len(q), -1)
         if self.plane is not None:
             heights = self.plane.distances(self.robot.model, self.robot.frame_id, q)
             yield 2.0 - heights[:, None] / self.margin

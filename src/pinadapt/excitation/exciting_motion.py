@@ -31,7 +31,7 @@ from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
 from ..trajectories.periodic import FourierSeries
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .allowance import Allowance, Shapes
+from .allowance import Allowance, Shapes, States
 
 _NOISE = 0.01  # of the effort limit; half or twice as much changes the stated uncertainty by that
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
@@ -102,9 +102,9 @@ def excite(
         duration,
         fine.information(theta),
         dict(zip(dynamics.names, dynamics.units, strict=True)),
-        LimitUse.of(allowed, *fine.states(theta)),
+        LimitUse.of(allowed, fine.states(theta)),
         len(fine.chosen),
-        fine.gain(*fine.states(theta)[1:])[0],
+        fine.gain(fine.states(theta))[0],
     )
 
 
@@ -142,28 +142,25 @@ class _Search:
         values, vectors = np.linalg.eigh(prior @ prior.T)
         self._root = vectors * np.sqrt(np.maximum(values, 0.0))
 
-    def _configurations(self, angles: np.ndarray) -> np.ndarray:
-        """Return the configurations (N, nq) of angles (N, n) [rad or m]."""
+    def _states(self, angles: np.ndarray, v: np.ndarray, a: np.ndarray) -> States:
+        """Return states with these angles, velocities and accelerations (N, n)."""
         model = self._allowed.robot.model
-        return integrated(model, pin.neutral(model), angles)
+        return States(angles, integrated(model, pin.neutral(model), angles), v, a)
 
-    def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
+    def states(self, theta: np.ndarray) -> States:
+        """Return the states of a motion."""
         displacement, v, a = self.basis.motion(theta)
-        angles = self._home + displacement
-        return angles, self._configurations(angles), v, a
+        return self._states(self._home + displacement, v, a)
 
-    def gain(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, first: int | None = None
-    ) -> tuple[float, np.ndarray]:
+    def gain(self, states: States, first: int | None = None) -> tuple[float, np.ndarray]:
         """Return the expected information gain [nat] of N states (N, .) over the period.
 
         The second is its change when one of the ``first`` states, which count alone, is replaced.
         The other states are k blocks, each with a replacement for every one of the first. The
         changes (k, first) are to first order, of one replacement at a time.
         """
-        count, b = len(q) if first is None else first, len(self.chosen)
-        rows = self._regressors(q, v, a)[:, :, self.chosen] / self._noise[:, None] @ self._root
+        count, b = first or len(states.q), len(self.chosen)
+        rows = self._regressors(states)[:, :, self.chosen] / self._noise[:, None] @ self._root
         W, others = rows[:count], rows[count:].reshape(-1, count, *rows.shape[1:])
         share, flat = self.basis.period / BLOCK / count, W.reshape(-1, b)
         information = np.eye(b) + share * (flat.T @ flat)
@@ -173,13 +170,14 @@ class _Search:
 
     def information(self, theta: np.ndarray) -> Information:
         """Return the information of a motion, one measurement in each block of time."""
-        W, rows = self._regressors(*self.states(theta)[1:]), self.basis.period / BLOCK
+        W, rows = self._regressors(self.states(theta)), self.basis.period / BLOCK
         noise, names = self._noise * np.sqrt(len(W) / rows), self._dynamics.names
         return Information.of_rows(names, self._dynamics.initial, W, 0.0 * W[:, :, 0], noise)
 
-    def _regressors(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def _regressors(self, states: States) -> np.ndarray:
         """Return the regressors Y (N, n, p) of the torques."""
-        return np.array([self._dynamics.regressor(*each) for each in zip(q, v, a, strict=True)])
+        each = zip(*states[1:], strict=True)
+        return np.array([self._dynamics.regressor(*state) for state in each])
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
         """Return the coefficients of largest gain, nearly within the allowance."""
@@ -187,7 +185,7 @@ class _Search:
 
         rng, shape = np.random.default_rng(seed), (len(self._home), self.basis.size)
         starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
-        first = max(starts, key=lambda theta: self.gain(*self.states(theta)[1:])[0])
+        first = max(starts, key=lambda theta: self.gain(self.states(theta))[0])
         size, steps = np.abs(first).max(), iter(iterations)
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
@@ -215,11 +213,11 @@ class _Search:
             RobotError: no factor does.
         """
         kept, low, high = self._allowed.kept, 0.0, 1.0
-        if kept(*self.states(theta)):
+        if kept(self.states(theta)):
             return theta
         for _ in range(20):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if kept(*self.states(middle * theta)) else (low, middle)
+            low, high = (middle, high) if kept(self.states(middle * theta)) else (low, middle)
         if not low:
             raise RobotError(
                 "no motion from home keeps the limits.",
@@ -234,15 +232,14 @@ class _Search:
         The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
         coefficients.
         """
-        displacement, v, a = self.basis.motion(theta)
-        now = np.stack([self._home + displacement, v, a])  # (3, N, n)
-        count, n = v.shape
+        now = self.basis.motion(theta)  # (3, N, n)
+        now[0] += self._home
+        _, count, n = now.shape
         shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
-        states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
-        angles, v, a = states.reshape(3, -1, n)
-        q = self._configurations(angles)
-        gain, changes = self.gain(q, v, a, count)
-        beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
+        moved = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
+        states = self._states(*moved.reshape(3, -1, n))
+        gain, changes = self.gain(states, count)
+        beyond = _PENALTY / count * np.sum(self._allowed.excess(states) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = (beyond[1:] - beyond[0] - changes) / _STEP
         return float(beyond[0].sum()) - gain, self.basis.derivative(slopes.reshape(3, n, count))
@@ -323,22 +320,20 @@ class LimitUse:
     apart: float
 
     @classmethod
-    def of(
-        cls, allowed: Allowance, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
-    ) -> LimitUse:
-        """Return the shares that N states of a motion use."""
+    def of(cls, allowed: Allowance, states: States) -> LimitUse:
+        """Return the shares that the states of a motion use."""
         robot = allowed.robot
         lower, upper = position_limits(robot.model)
         with np.errstate(invalid="ignore"):  # of joints without limits
-            position = np.abs(2.0 * angles - lower - upper).max(axis=0) / (upper - lower)
-        efforts = np.abs(allowed.torques(q, v, a)).max(axis=(0, 1))
+            position = np.abs(2.0 * states.angles - lower - upper).max(axis=0) / (upper - lower)
+        efforts = np.abs(allowed.torques(states)).max(axis=(0, 1))
         return cls(
             tuple(robot.joint_names),
             np.nan_to_num(position),
-            np.abs(v).max(axis=0) / velocity_limits(robot.model),
+            np.abs(states.v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot.model),
             allowed.load,
-            np.inf if allowed.shapes is None else float(allowed.shapes.distances(q).min()),
+            np.inf if allowed.shapes is None else float(allowed.shapes.distances(states.q).min()),
         )
 
     def table(self) -> Table:

@@ -619,11 +619,12 @@ class Estimator:
         told = float(state.load is not None and (self._alone or bool(state.past.any())))
         shares, load = told * (self._B[gears] @ np.append(a, 0.0)), told * a[self._load]
         for j, gear, share in zip(self._near, gears, shares, strict=True):
-            whole, at = np.eye(self._columns + 1), self._places[j]
-            whole[self._carried, self._carried] = share
-            whole[self._carried, gear] = load[: self._carried.size]
-            whole[self._carried, -1] = share * load[: self._carried.size]
-            S[j] = whole[np.ix_(at, at)]
+            at = self._places[j]
+            own = np.flatnonzero(np.isin(at, self._carried))
+            parts = load[at[own] - self._columns]  # the last ones of the columns
+            S[j][own, own] = share
+            S[j][own, np.searchsorted(at, gear)] = parts
+            S[j][own, -1] = share * parts
         return S
 
     def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
