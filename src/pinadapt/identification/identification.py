@@ -18,7 +18,7 @@ from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchErr
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
 from ..logs.import_options import ImportOptions
-from ..logs.log import Log, joined, starts_of
+from ..logs.log import Log, in_sequence, joined
 from ..models.physical_fit import physical_set
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
@@ -127,8 +127,9 @@ def identify(
         intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
-    logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
-    found, given = joined(logs, _PAUSE), Unknown.of(unknown)
+    count = len(sources) + len(tests)
+    logs, without = in_sequence(logs[:count], _PAUSE), logs[count:]
+    found, given = joined(logs), Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, given)
     unknown = replace(given, regressor="nominal").with_joints()
     controller = _controller(nominal, unknown)
@@ -140,11 +141,11 @@ def identify(
     if dynamics.size and constraints is None:
         doubtful = any(way.doubtful for way in intakes)
         check = _torques_checked([*logs, *without], described, doubtful=doubtful)
-    motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
+    motion = _motion_of(nominal, logs)
     _check_contacts(nominal, motion)
     split = float(motion.t[-1] - 0.25 * (motion.t[-1] - motion.t[0]))
     if tests:
-        split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
+        split = float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     seen = position_windows(kinematics, motion, *frames)
     seen_first = seen.between(-np.inf, split)
     located = position_fit(kinematics, seen_first if tests else seen)
@@ -233,12 +234,8 @@ def _several(given: Any) -> tuple[Any, ...]:
 
 
 def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
-    """Return the motions of logs one after another, as in ``joined``; each is smoothed alone."""
-    parts = [
-        (log_motion := motion_of_log(robot, log))._replace(t=log_motion.t + start)
-        for log, start in zip(logs, starts_of(logs, _PAUSE), strict=True)
-    ]
-    *arrays, smoothed = zip(*parts, strict=True)
+    """Return the motions of logs one after another; each is smoothed alone."""
+    *arrays, smoothed = zip(*(motion_of_log(robot, log) for log in logs), strict=True)
     return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -261,25 +260,23 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         )
 
 
-def joined(logs: Sequence[Log], pause: float) -> Log:
-    """Return logs of the same robot one after another, with a pause in between [s].
+def in_sequence(logs: Sequence[Log], pause: float) -> list[Log]:
+    """Return logs whose times count on from the one before, after a pause [s]."""
+    found = list[Log]()
+    for log in logs:
+        start = found[-1].t[-1] + pause - log.t[0] if found else 0.0
+        found.append(replace(log, t=log.t + start, x_time=log.frames_time + start))
+    return found
 
-    Times of each count on from the one before. Velocities and positions of the frame are kept if
-    all logs have them.
+
+def joined(logs: Sequence[Log]) -> Log:
+    """Return logs of the same robot as one, of ascending times.
+
+    Velocities and positions of the frame are kept if all logs have them.
     """
-    moved = [
-        replace(log, t=log.t + start, x_time=log.frames_time + start)
-        for log, start in zip(logs, starts_of(logs, pause), strict=True)
-    ]
     parts: dict[str, Any] = {"source": ", ".join(log.source for log in logs)}
     for name in ("t", *SIGNALS, "x", "x_time"):
-        arrays = [getattr(log, name) for log in moved]
+        arrays = [getattr(log, name) for log in logs]
         sizes = {None if array is None else array.shape[1:] for array in arrays}
         parts[name] = np.concatenate(arrays) if len(sizes) == 1 and None not in sizes else None
     return replace(logs[0], **parts)
-
-
-def starts_of(logs: Sequence[Log], pause: float) -> list[float]:
-    """Return what is added to the times of each log in ``joined`` [s]."""
-    gaps = (float(before.t[-1] - log.t[0]) + pause for before, log in pairwise(logs))
-    return list(accumulate(gaps, initial=0.0))
