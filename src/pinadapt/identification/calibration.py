@@ -237,18 +237,17 @@ def calibrate(
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))
     placements = _Unknown.of(described, words, seen.task, start if tracker else None)
     whole = _Geometry(described, placements, start)
-    fit = _fitted(whole, seen, name)
-    kept = fit.kept
+    kept, rows, _, noise = _fitted(whole, seen, name)
     held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
     last, first = seen.only(kept & held), seen.only(kept & ~held)
     errors = []
     for some in (placements.only(placements.tracked), placements):
         geometry = _Geometry(described, some, start)
         if some.names:
-            _fitted(geometry, first, name, fit.noise)
+            _fitted(geometry, first, name, noise)
         errors.append(_errors(geometry, last))
-    identified = _identified(placements.along, fit.rows)
-    R = np.linalg.qr(np.vstack([fit.rows, np.eye(len(placements.names))]), mode="r")
+    identified = _identified(placements.along, rows)
+    R = np.linalg.qr(np.vstack([rows, np.eye(len(placements.names))]), mode="r")
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
@@ -258,7 +257,7 @@ def calibrate(
         deviations=np.linalg.norm(np.linalg.inv(R), axis=1) * placements.prior,
         prior=placements.prior,
         combinations=tuple(placements.names[k] for k in identified),
-        noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
+        noise=(float(noise[0]), float(noise[1]) if len(noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
         before=errors[0],
@@ -532,25 +531,9 @@ _LEAST = 1.5  # equations for each identified combination
 _OUTLIER = 6.0
 
 
-class _GeometryFit(NamedTuple):
-    """The equations of M frames at a geometry of p parameters.
-
-    Attributes:
-        kept: (M) whether a frame is used.
-        rows: (N, p) of the used frames, in units of their noise and of the prior.
-        left: (N) residuals of these.
-        noise: of a coordinate of the position [m], and of the orientation [rad] of poses.
-    """
-
-    kept: np.ndarray
-    rows: np.ndarray
-    left: np.ndarray
-    noise: np.ndarray
-
-
 def _fitted(
     geometry: _Geometry, seen: _MeasuredFrames, where: str, known: np.ndarray | None = None
-) -> _GeometryFit:
+) -> tuple[np.ndarray, ...]:
     """Move the placements of a geometry such that it fits frames best.
 
     The noise is that of the residuals, found along with the placements. Frames with residuals of
@@ -563,6 +546,11 @@ def _fitted(
         known: noise of a coordinate of the position [m] and of the orientation [rad], of frames
             that all count; None: it is to be found.
 
+    Returns:
+        kept (M), whether a frame is used; the rows (N, p) of the used frames, in units of their
+        noise and of the prior; what is left of these (N); and the noise of a coordinate of the
+        position [m], and of the orientation [rad] of poses.
+
     Raises:
         LogError: too few frames, or too many that do not fit.
     """
@@ -570,7 +558,7 @@ def _fitted(
     groups = [group.rows for group in seen.task.groups]
     least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
 
-    def fit() -> _GeometryFit:
+    def fit() -> tuple[np.ndarray, ...]:
         """Return the equations at the placements as they are."""
         r, W = geometry.rows(seen)
         squares = np.column_stack([np.mean(r[:, part] ** 2, axis=1) for part in groups])
@@ -592,11 +580,11 @@ def _fitted(
                 "unknowns.",
             )
         share = 1.0 if known is not None else math.sqrt(1.0 - rank / len(rows))  # not explained
-        return _GeometryFit(kept, share * rows, share * left.ravel(), noise / share)
+        return kept, share * rows, share * left.ravel(), noise / share
 
     def equations(_: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        found = fit()
-        return found.rows, found.left, -geometry.value() / prior
+        _, rows, left, _ = fit()
+        return rows, left, -geometry.value() / prior
 
     def moved(_: _Geometry, step: np.ndarray) -> _Geometry:
         geometry.move(step * prior)
@@ -604,10 +592,11 @@ def _fitted(
 
     gauss_newton(equations, moved, geometry, np.ones(len(prior)))
     found = fit()
-    if np.mean(~found.kept) > 0.2:
+    lost = np.mean(~found[0])
+    if lost > 0.2:
         raise LogError(
             "no geometry near the described one explains these frames: "
-            f"{np.mean(~found.kept):.0%} of them do not fit the others.",
+            f"{lost:.0%} of them do not fit the others.",
             where=where,
             hint="Is x of this frame, of this robot, and timed on the clock of q? Lost frames of a "
             "tracker are NaN, not 0.",

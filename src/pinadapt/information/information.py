@@ -433,14 +433,10 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     samples, or where estimates or torques are not finite.
     """
     dynamics = controller.dynamics
-    if not dynamics.size or len(samples) < 3:
+    motion = motion_of_samples(controller.kinematics.robot.model, samples)
+    if not (dynamics.size and len(motion.t)):
         return None
-    first, last = samples[0].state.a_d, samples[-1].state.a_d
-    model = controller.kinematics.robot.model
-    motion = motion_of_samples(model, samples)
-    if not len(motion.t):
-        return None
-    tau = motion.tau
+    first, last, tau = samples[0].state.a_d, samples[-1].state.a_d, motion.tau
     if motion.smoothed:  # by noise, which averages out over a block
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 
