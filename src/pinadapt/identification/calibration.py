@@ -583,7 +583,7 @@ def _fitted(
         return kept, share * rows, share * left.ravel(), noise / share
 
     def equations(_: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        _, rows, left, _ = fit()
+        rows, left = fit()[1:3]
         return rows, left, -geometry.value() / prior
 
     def moved(_: _Geometry, step: np.ndarray) -> _Geometry:
