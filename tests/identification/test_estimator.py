@@ -25,12 +25,14 @@ from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 OTHER = pa.Payload(0.8, (0.0, 0.03, 0.08), (0.001, 0.0, 0.001, 0.0, 0.0, 0.001))
 
 
-def run(estimator, t, q, v, tau, state=None, **options):
-    """Return the states along a motion."""
+def run(estimator, t, q, v, tau, state=None, payload=None):
+    """Return the states along a motion; a payload is announced at the first sample."""
     states = [] if state is None else [state]
     for sample in zip(t, q, v, tau, strict=True):
         one = pa.Measurement(float(sample[0]), *sample[1:3], tau=sample[3])
-        states.append(estimator.step(states[-1], one) if states else estimator.init(one, **options))
+        states.append(estimator.step(states[-1], one) if states else estimator.init(one))
+        if payload is not None and len(states) == 1:
+            states[0] = estimator.announce(states[0], payload)
     return states
 
 

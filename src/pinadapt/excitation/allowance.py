@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector
 from ..description.chain import (
     effort_limits,
-    is_slide,
     position_limits,
     velocity_limits,
 )
@@ -205,11 +204,10 @@ class Allowance:
             RobotError: home is outside the limits, or the motors cannot hold the load there.
         """
         model = robot.model
-        slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+        slides = np.array(list(robot.slides.values()))
         low, high = _range(robot, slides, excursion)
-        speed = np.minimum(
-            SHARE * velocity_limits(model), np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
-        )
+        fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
+        speed = np.minimum(SHARE * velocity_limits(model), fastest)
         effort, rest = SHARE * effort_limits(model), np.zeros(model.nv)
         held, with_one = (
             pin.rnea(one, one.createData(), robot.q0, rest, rest)

@@ -372,24 +372,21 @@ class Estimator:
         count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
         self._count = 2 * count + 1
 
-    def init(self, measurement: Measurement, payload: Payload | None = None) -> EstimatorState:
+    def init(self, measurement: Measurement) -> EstimatorState:
         """Return the state at the first sample.
 
         Args:
             measurement: with q and v; with tau too if it is that of the instant.
-            payload: what is carried, see ``announce``; None: unknown.
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
-            RobotError: an impossible load.
         """
         sums = np.zeros((OVERLAP, self.robot.model.nv, self._columns + 3))
         if self._held and measurement.tau is None:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
         nothing = EstimatorState((), first.t, sums, (), load=self._usual, **self._nothing)
-        state = self._advance(nothing, first)
-        return state if payload is None else self.announce(state, payload)
+        return self._advance(nothing, first)
 
     def announce(self, state: EstimatorState, payload: Payload | None) -> EstimatorState:
         """Return the state after another load was taken up, as a tool changer tells.

@@ -20,7 +20,6 @@ from ..logs.formats import read_log
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log, in_sequence, joined
 from ..models.physical_fit import physical_set
-from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..robot.loading import load
 from ..robot.motors import compensation_of
@@ -149,7 +148,10 @@ def identify(
     seen = position_windows(kinematics, motion, *frames)
     seen_first = seen.between(-np.inf, split)
     located = position_fit(kinematics, seen_first if tests else seen)
-    placed = _placed(nominal, kinematics, located.estimate)
+    placed = nominal
+    if any(part.joint not in (None, FIRST) for part in kinematics.translations):
+        placed = replace(nominal, model=nominal.model.copy())
+        kinematics.write(placed.model, located.estimate)
     estimator = Estimator(placed, given, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
@@ -301,15 +303,6 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
         tau[k] += added(q[k])
     return replace(log, tau=tau), robot
-
-
-def _placed(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
-    """Return the robot with the estimated translations of its joints."""
-    if all(part.joint in (None, FIRST) for part in kinematics.translations):
-        return robot
-    model = robot.model.copy()
-    kinematics.write(model, a_k)
-    return replace(robot, model=model)
 
 
 def _frames_and_task(

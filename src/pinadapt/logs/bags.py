@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -17,18 +17,11 @@ from .log import Log
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
 
 
-def _coordinates(position: str, rotation: str = "") -> Callable[[Any], tuple[float, ...]]:
-    """Return a function of a message: coordinates of a position, and a quaternion xyzw."""
-    turn = [f"{rotation}.{axis}" for axis in "xyzw"] if rotation else []
-    return attrgetter(*(f"{position}.{axis}" for axis in "xyz"), *turn)
-
-
+# What has the position, and what the rotation as a quaternion
 _POSES = {
-    "geometry_msgs/msg/PointStamped": _coordinates("point"),
-    "geometry_msgs/msg/PoseStamped": _coordinates("pose.position", "pose.orientation"),
-    "geometry_msgs/msg/TransformStamped": _coordinates(
-        "transform.translation", "transform.rotation"
-    ),
+    "geometry_msgs/msg/PointStamped": ("point", ""),
+    "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/TransformStamped": ("transform.translation", "transform.rotation"),
 }
 
 
@@ -52,7 +45,10 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
         t, (q, v, tau) = _series(bag, topic, list(joints), path)
         if options.pose_topic is not None:
             topic = _topic(bag, options.pose_topic, _POSES, path)
-            of = _POSES[str(bag.topics[topic].msgtype)]
+            position, rotation = _POSES[str(bag.topics[topic].msgtype)]
+            parts = [f"{position}.{axis}" for axis in "xyz"]
+            parts += [f"{rotation}.{axis}" for axis in "xyzw" if rotation]
+            of = attrgetter(*parts)
             frames = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
     return Log(
         t - t[0],

@@ -101,8 +101,7 @@ class _Columns:
         except LogError:
             if set(joints) & set(names):
                 raise
-            column = self.single(signal) if len(joints) == 1 else None
-            return None if column is None else column[:, None]
+            return None
         self.by_name = set(joints) <= set(names)
         return self._stacked([labels[names[k]] for k in order])
 

@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import (
     flag,
-    instance,
     located,
     mapping,
     name_list,
@@ -96,8 +95,6 @@ class ImportOptions:
         with located("intake", [one.name for one in fields(self)]):
             for signal in mapping(self.columns, "columns"):
                 word(signal, NAMES, "columns")
-            for name in ("topic", "pose_topic"):
-                instance(getattr(self, name) or "", str, name)
             if self.rate is not None:
                 positive(self.rate, "rate", error=InputError)
             word(self.repeated, REPEATED, "repeated")
