@@ -81,7 +81,8 @@ class Shapes:
             if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        at_home, apart = _distances_of(robot.model, geometry, robot.q0[None])[0], []
+        whole, apart = cls(robot.model, geometry, np.zeros(0)), []
+        at_home = whole.distances(robot.q0[None])[0]
         for (i, j), distance in zip(pairs, at_home, strict=True):
             if distance > _TOUCHING:
                 apart.append(distance)
@@ -90,11 +91,23 @@ class Shapes:
                 raise _below(links[i], distance, robot)
             geometry.removeCollisionPair(pin.CollisionPair(i, j))
         margins = np.minimum(_APART * robot.reach, 0.5 * np.array(apart))
-        return cls(robot.model, geometry, margins) if apart else None
+        return replace(whole, margins=margins) if apart else None
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
-        return _distances_of(self.model, self.geometry, q)
+        data, found = self.model.createData(), self.geometry.createData()
+        different, which = np.unique(q, axis=0, return_inverse=True)
+        for request in found.distanceRequests:  # accurate enough for differences, in contact too
+            request.gjk_tolerance = request.epa_tolerance = 1e-9
+            request.gjk_max_iterations = request.epa_max_iterations = 256
+        results = list(
+            found.distanceResults
+        )  # places where Pinocchio writes; copies cost much more
+        distances = np.zeros((len(different), len(results)))
+        for row, each in zip(distances, different, strict=True):
+            pin.computeDistances(self.model, data, self.geometry, found, each)
+            row[:] = [result.min_distance for result in results]
+        return distances[which.ravel()]
 
 
 def _below(name: str, distance: float, robot: Robot) -> RobotError:
@@ -104,21 +117,6 @@ def _below(name: str, distance: float, robot: Robot) -> RobotError:
         where=robot.name,
         hint="Take another home pose, or the floor's height in the axes of the base.",
     )
-
-
-def _distances_of(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> np.ndarray:
-    """Return the distances (N, k) of the pairs at configurations (N, nq)."""
-    data, found = model.createData(), geometry.createData()
-    different, which = np.unique(q, axis=0, return_inverse=True)
-    for request in found.distanceRequests:  # accurate enough for differences, in contact too
-        request.gjk_tolerance = request.epa_tolerance = 1e-9
-        request.gjk_max_iterations = request.epa_max_iterations = 256
-    results = list(found.distanceResults)  # places where Pinocchio writes; copies cost much more
-    distances = np.zeros((len(different), len(geometry.collisionPairs)))
-    for row, each in zip(distances, different, strict=True):
-        pin.computeDistances(model, data, geometry, found, each)
-        row[:] = [result.min_distance for result in results]
-    return distances[which.ravel()]
 
 
 def _convex(geometry: pin.GeometryModel) -> pin.GeometryModel:

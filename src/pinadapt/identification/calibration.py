@@ -240,12 +240,11 @@ def calibrate(
     kept, rows, _, noise = _fitted(whole, seen, name)
     held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
     last, first = seen.only(kept & held), seen.only(kept & ~held)
-    errors = []
-    for some in (placements.only(placements.tracked), placements):
-        geometry = _Geometry(described, some, start)
-        if some.names:
-            _fitted(geometry, first, name, noise)
-        errors.append(_errors(geometry, last))
+    before, after = (_Geometry(described, placements, start) for _ in range(2))
+    _fitted(after, first, name, noise)
+    if tracker:
+        before = _Geometry(described, _Unknown.of(described, (), seen.task, start), start)
+        _fitted(before, first, name, noise)
     identified = _identified(placements.along, rows)
     R = np.linalg.qr(np.vstack([rows, np.eye(len(placements.names))]), mode="r")
     return Calibration(
@@ -260,8 +259,8 @@ def calibrate(
         noise=(float(noise[0]), float(noise[1]) if len(noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
-        before=errors[0],
-        after=errors[1],
+        before=_errors(before, last),
+        after=_errors(after, last),
         motion=math.sqrt(3.0) * spread(seen.x[:, :3]),
         source=name,
     )
@@ -430,13 +429,6 @@ class _Unknown(NamedTuple):
         names, joints, columns, *others = zip(*found, strict=True)
         return cls(names, np.array(joints), np.column_stack(columns), *map(np.array, others))
 
-    def only(self, chosen: np.ndarray) -> _Unknown:
-        """Return the displacements of a mask (p)."""
-        names = tuple(name for name, kept in zip(self.names, chosen, strict=True) if kept)
-        return _Unknown(names, self.joints[chosen], self.axes[:, chosen], *(
-            part[chosen] for part in self[3:]
-        ))  # fmt: skip
-
 
 # The chain that is moved
 
@@ -464,12 +456,13 @@ class _Geometry:
             now, other = (placement_of(one, self._frame, of) for one in (self.model, model))
             yield self.unknown.joints == joint, now, other
 
-    def move(self, step: np.ndarray) -> None:
-        """Move the placements by a step (p) of their displacements."""
+    def move(self, step: np.ndarray) -> _Geometry:
+        """Move the placements by a step (p) of their displacements; return the geometry."""
         for own, place, _ in self._placements(self.model):
             moved = place * pin.exp6(self.unknown.axes[:, own] @ step[own])
             place.translation, place.rotation = moved.translation, moved.rotation
         self._data = self.model.createData()
+        return self
 
     def value(self) -> np.ndarray:
         """Return how far each placement is from the description (p) [m or rad].
@@ -582,15 +575,12 @@ def _fitted(
         share = 1.0 if known is not None else math.sqrt(1.0 - rank / len(rows))  # not explained
         return kept, share * rows, share * left.ravel(), noise / share
 
-    def equations(_: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        rows, left = fit()[1:3]
-        return rows, left, -geometry.value() / prior
-
-    def moved(_: _Geometry, step: np.ndarray) -> _Geometry:
-        geometry.move(step * prior)
-        return geometry
-
-    gauss_newton(equations, moved, geometry, np.ones(len(prior)))
+    gauss_newton(
+        lambda _: (*fit()[1:3], -geometry.value() / prior),
+        lambda _, step: geometry.move(step * prior),
+        geometry,
+        np.ones(len(prior)),
+    )
     found = fit()
     lost = np.mean(~found[0])
     if lost > 0.2:

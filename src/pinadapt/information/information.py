@@ -125,11 +125,6 @@ class Information:
         less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
         return replace(self, R=self.R - less @ self.R, c=self.c - less @ self.c)
 
-    def within(self, part: Sequence[int]) -> Information:
-        """Return the information on some parameters (k) where the others are as estimated."""
-        names, index = tuple(self.names[i] for i in part), list(part)
-        return replace(self, names=names, estimate=self.estimate[index], R=self.R[:, index])
-
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
 

@@ -124,7 +124,9 @@ def payload_estimate(
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
     rest = change.estimate.copy()
     rest[part] = 0.0
-    fit = replace(change, c=change.R @ rest).within(part).refined()
+    fit = Information(
+        tuple(names[i] for i in part), change.estimate[part], change.R[:, part], change.R @ rest
+    ).refined()
     rest[part] = change.estimate[part] - fit.estimate
     left = change.R @ rest
     free = max(change.rank - fit.rank, 1)
