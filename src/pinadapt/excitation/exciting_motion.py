@@ -274,13 +274,10 @@ class ExcitingMotion(Printed):
     def reference(self) -> dict[str, Any]:
         """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
         series = self.trajectory  # to eight decimals, 10 nm
-        return {
-            "kind": "fourier",
-            "center": series.center.round(8).tolist(),
-            "cosine": series.cosine.round(8).tolist(),
-            "sine": series.sine.round(8).tolist(),
-            "period": series.period,
+        parts = {
+            name: getattr(series, name).round(8).tolist() for name in ("center", "cosine", "sine")
         }
+        return {"kind": "fourier", **parts, "period": series.period}
 
     def sheet(self) -> Report:
         """Return tables of limits and of parameters."""

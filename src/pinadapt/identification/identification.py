@@ -21,15 +21,16 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log, in_sequence, joined
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST
+from ..records import Measurement
 from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
-from ..simulation.simulate import Progress
+from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
-from .estimator import Estimator
+from .estimator import Estimate, Estimator
 from .fits import (
     Windows,
     bounds_of_masses,
@@ -41,7 +42,6 @@ from .fits import (
     torque_fit,
 )
 from .logged_motion import motion_of_log
-from .online_estimates import OnlineEstimates
 from .report import Identification
 from .selection import choose_effects, with_shafts
 from .torque_check import TorqueCheck, check_torques
@@ -204,7 +204,6 @@ def identify(
         windows = windows.over(gains.estimate)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
-    online = OnlineEstimates.of(estimator, motion, split, progress)
     return Identification(
         log=found,
         motion=motion,
@@ -220,7 +219,7 @@ def identify(
         effects=effects,
         position_before_split=position_fit(kinematics, seen_first).estimate,
         estimator=estimator,
-        online=online,
+        online=_online(estimator, motion, split, progress),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         gains=gains,
@@ -239,6 +238,29 @@ def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     """Return the motions of logs one after another; each is smoothed alone."""
     *arrays, smoothed = zip(*(motion_of_log(robot, log) for log in logs), strict=True)
     return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
+
+
+def _online(
+    estimator: Estimator, motion: MeasuredMotion, split: float, progress: Progress | bool | None
+) -> dict[float, Estimate]:
+    """Return estimates by their times [s]: some for a picture, and the last one before a split.
+
+    Args:
+        estimator: whose torques are those of the instant.
+        motion: with N samples.
+        split: time [s] from which on the motion is held out.
+        progress: as of ``simulate``.
+    """
+    t, last = motion.t.tolist(), len(motion.t) - 1
+    stops = {*np.linspace(0, last, 20).astype(int), np.searchsorted(motion.t, split) - 1}
+    samples = zip(t, motion.q, motion.v, motion.tau, strict=True)
+    measured = (Measurement(*one[:3], tau=one[3]) for one in samples)
+    state, found = estimator.init(next(measured)), dict[float, Estimate]()
+    for k in watched(range(1, last + 1), progress, "online"):
+        state = estimator.step(state, next(measured))
+        if k in stops:
+            found[t[k]] = estimator.estimate(state, next(reversed(found.values()), None))
+    return found
 
 
 def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:

@@ -36,9 +36,9 @@ from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
+from .estimator import Estimate as OnlineEstimate
 from .estimator import Estimator
 from .fits import GAIN, Windows, lasting_noise, torque_information
-from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import HEAVIEST, TorqueCheck
 
@@ -115,7 +115,7 @@ class Identification(Printed):
         before_split: (p_d) the dynamic parameters from the log before ``split``.
         position_before_split: (p_k) the translations from it.
         estimator: of the online estimates.
-        online: the online estimates in time.
+        online: time [s] -> estimate of it then, the last one before ``split`` among them.
         unknown: what was identified. A controller with the same parameters is
             ``make_controller(found.robot, unknown=found.unknown)``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
@@ -139,7 +139,7 @@ class Identification(Printed):
     before_split: np.ndarray
     position_before_split: np.ndarray
     estimator: Estimator
-    online: OnlineEstimates
+    online: dict[float, OnlineEstimate]
     unknown: Unknown
     effects: ChosenEffects | None = None
     tested: tuple[str, ...] = ()
@@ -222,7 +222,7 @@ class Identification(Printed):
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        return self._held_out(self.online.before_split.robot)
+        return self._held_out(self.online[max(t for t in self.online if t < self.split)].robot)
 
     def _held_out(self, robot: Robot) -> np.ndarray:
         """Return the errors (n) of the held-out torques with another robot [N m or N]."""
@@ -510,8 +510,8 @@ class Identification(Printed):
             title=title,
             law="identified online",
             adaptation="Estimator",
-            t=self.online.t,
-            a_d=self.online.a,
+            t=np.array(list(self.online)),
+            a_d=np.array([one.a for one in self.online.values()]),
             a_d_true=None,
             not_identified=(),
             kinematic_names=(),

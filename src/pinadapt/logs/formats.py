@@ -150,15 +150,14 @@ def read_log(
             source = _reader(path)(_file_of(path), options.read_joints(robot), options)
     elif options.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / options.rate)
-    log = source
-    if options.repeated == "drop" and (again := repeated(log)).any():
+    if options.repeated == "drop" and (again := repeated(source)).any():
         warnings.warn(
-            f"{log.source}: {np.count_nonzero(again)} of {len(again)} samples repeat earlier ones "
-            "and are left out.",
+            f"{source.source}: {np.count_nonzero(again)} of {len(again)} samples repeat earlier "
+            "ones and are left out.",
             stacklevel=2,
         )
-        log = log.sampled(~again)
-    log = options.converted(log, robot)
+        source = source.sampled(~again)
+    log = options.converted(source, robot)
     check(log, robot, torques=torques)
     return log
 
