@@ -345,15 +345,15 @@ class Identification(Printed):
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
-        units = [self.parameters().units.get(name, "") for name in part.names]
+        units = self.parameters().units
         numbers = (each.tolist() for each in (described, part.estimate, part.deviations))
-        return list(map(Parameter, part.names, *numbers, units))
+        return list(map(Parameter, part.names, *numbers, (units.get(n, "") for n in part.names)))
 
     @cached_property
     def _record(self) -> dict[str, Any]:
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
-        signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
+        signals = np.hstack(list(log.signals().values()))
         start = self.controller.kinematics.initial
         return {
             "verdict": self.verdict,
