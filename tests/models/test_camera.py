@@ -160,7 +160,7 @@ def test_the_camera_is_found_from_frames():
     with pytest.raises(pa.LogError, match="In pixels"):
         find_camera(kinematics, [s._replace(x=500.0 * s.x) for s in samples])
     for late, words in (
-        (3, "no camera explains"),
+        (3, "no camera or tracker explains"),
         (1, r"another clock.* about (2|3|4)\d ms"),
     ):
         shifted = [s._replace(x=o.x) for s, o in zip(samples[late:], samples, strict=False)]

@@ -352,21 +352,19 @@ class RestToRest:
     Attributes:
         size: 2 K - 2.
         period: [s].
-        times: (N) instants of a period [s] at which motions are evaluated.
     """
 
     def __init__(self, harmonics: int, period: float, samples: int) -> None:
-        """Take K of at least 2, the period [s], and the number N of instants."""
+        """Take K of at least 2, the period [s], and the number N of instants to evaluate."""
         k = np.arange(1.0, harmonics + 1.0)
         conditions = np.zeros((2, 2 * harmonics))
         conditions[0, :harmonics], conditions[1, harmonics:] = k, np.ones(harmonics)
         scale = np.tile(1.0 / k, 2)  # coefficients of equal speed
         self._free = scale[:, None] * np.linalg.svd(conditions)[2][2:].T
-        self._harmonics, self.period = harmonics, period
-        self.size = self._free.shape[1]
-        self.times = np.linspace(0.0, period, samples, endpoint=False)
+        self.period, self.size = period, self._free.shape[1]
+        times = np.linspace(0.0, period, samples, endpoint=False)
         w = 2.0 * np.pi / period * k
-        c, s = np.cos(np.outer(self.times, w)), np.sin(np.outer(self.times, w))
+        c, s = np.cos(np.outer(times, w)), np.sin(np.outer(times, w))
         rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
         self._rows = np.array([np.hstack(row) for row in rows]) @ self._free  # (3, N, size)
 
@@ -380,5 +378,5 @@ class RestToRest:
 
     def series(self, start: np.ndarray, theta: np.ndarray) -> FourierSeries:
         """Return the motion for theta (n, size) from a start (n)."""
-        cosine, sine = np.split(theta @ self._free.T, [self._harmonics], axis=1)
+        cosine, sine = np.split(theta @ self._free.T, 2, axis=1)
         return FourierSeries(start - cosine.sum(axis=1), cosine, sine, self.period)

@@ -123,7 +123,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         tracker, told = own.explaining_tracker(H, score, tracker)
     a = own.parameters(tracker)
     _, left, _ = seen.rows(a)
-    seen.check("tracker", left, sigma, motion)
+    seen.check(left, sigma, motion)
     known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
     prior = np.append(np.zeros(6), known[6:] ** -2)
     rows = (X @ own.slopes(tracker)).reshape(*x.shape, len(names))
@@ -168,18 +168,17 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
         return W / sigma, left / sigma, a_0 - a
 
     a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
-    W, r, _ = rows(a)
-    _, left, rate = seen.rows(a)
+    W, left, rate = seen.rows(a)
     sigma = _noise(left, len(a), reach)
-    seen.check("camera", left, sigma, motion)
-    late, deviation = lateness(a, W, r, rate / sigma, 1.0, known, a_0 - a)
+    seen.check(left, sigma, motion)
+    late, deviation = lateness(a, W / sigma, left / sigma, rate / sigma, 1.0, known, a_0 - a)
     if abs(late) > max(_LATE, CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return Information.of_rows(own.names, a, W, 0.0 * r, prior=known)
+    return Information.of_rows(own.names, a, W / sigma, 0.0 * left, prior=known)
 
 
 class _Seen(NamedTuple):
@@ -211,9 +210,9 @@ class _Seen(NamedTuple):
         p = np.array([kinematics.robot.placement(each).translation for each in q]).reshape(-1, 3)
         moved = min(spread(part) if len(part) else 0.0 for part in (p, x))
         if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
-            what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
             raise LogError(
-                f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the {what}.",
+                f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the camera or "
+                "tracker.",
                 hint="Move every joint, such that the frame moves by some hundredths of the reach, "
                 "and x with it: does the tracker or camera run, or repeat its last frame?",
             )
@@ -229,7 +228,7 @@ class _Seen(NamedTuple):
         X_k, left, rates = (np.array(column) for column in zip(*kept, strict=True))
         return X_k, left, rates
 
-    def check(self, what: str, left: np.ndarray, sigma: float, motion: float) -> None:
+    def check(self, left: np.ndarray, sigma: float, motion: float) -> None:
         """Refuse frames of which something else than noise is left (N, m_p).
 
         What a tracker cannot explain changes with the motion; noise changes from frame to frame.
@@ -241,8 +240,8 @@ class _Seen(NamedTuple):
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
         raise LogError(
-            f"no {what} explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
-            f"{motion:.3g}.",
+            f"no camera or tracker explains these frames: they are off by {sigma:.3g} (rms) in a "
+            f"motion of {motion:.3g}.",
             hint="Is x of this frame, of this robot, and timed on the clock of q?",
         )
 
