@@ -31,14 +31,14 @@ from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ImplausibleError, MeasurementError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
-from ..information.payload import PayloadEstimate, of_load
+from ..information.payload import PayloadEstimate, of_load, usual_load
 from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
 from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
-from ..robot.changes import Payload, Shaft
+from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import FREE, LIGHT, WEIGHT, lasting_noise
@@ -280,13 +280,13 @@ class Estimator:
         joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
         names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
         chosen = replace(given.with_joints(), bodies=names)
-        rubbing, tried = list[str](), tuple[Shaft, ...]()
+        rubbing, tried = list[str](), list[str]()
         if given.friction is None:
             if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
                 self.robot = robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
-                tried = robot.friction.shafts
+                tried = [part.name(robot.joint_names) for part in robot.friction.shafts]
+            shafts = tried or [part.name(robot.joint_names) for part in robot.friction.shafts]
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
-            shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
             rubbing = joints
@@ -318,8 +318,7 @@ class Estimator:
             *(f"{name}.breakaway" for name in rubbing),
         )
         self._coulomb = [self.names.index(f"{name}.coulomb") for name in rubbing]
-        wrist = [f"{part.name(robot.joint_names)}.{kind}" for part in tried for kind in USUAL]
-        self._wrist = [self.names.index(name) for name in wrist]
+        self._wrist = [self.names.index(f"{name}.{kind}") for name in tried for kind in USUAL]
         p = len(self.names)
         self._rest = slice(p - len(rubbing), p)
         # [W y] B are the equations in the parameters, except those of the load
@@ -329,9 +328,7 @@ class Estimator:
         self._B[-1, -1] = 1.0
         if alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
-        ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
-        placement = robot.model.frames[robot.frame_id].placement
-        self._usual = placement.act(ball).toDynamicParameters()
+        self._usual = usual_load(robot)
         center = np.insert(own.center[kept], first, self._usual)
         # the share of a gear may be typical; any dry or viscous friction is likely
         shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]

@@ -175,7 +175,6 @@ def identify(
             averages,
             first,
             everything,
-            physical_set(everything.inertial, nominal),
             armature=given.armature is None,
             effects=others,
         )

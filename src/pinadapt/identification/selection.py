@@ -22,7 +22,7 @@ import numpy as np
 from ..information.measured_motion import OVERLAP, Averages, MeasuredMotion
 from ..models.dynamics import Dynamics
 from ..models.joint_effects import USUAL
-from ..models.physical_fit import PhysicalSet
+from ..models.physical_fit import physical_set
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import EFFECTS
@@ -105,7 +105,6 @@ def choose_effects(
     averages: Averages,
     windows: Windows,
     dynamics: Dynamics,
-    physical: PhysicalSet,
     *,
     armature: bool,
     effects: bool,
@@ -118,11 +117,12 @@ def choose_effects(
         averages: over its windows.
         windows: of the learning part.
         dynamics: of the bodies and of all effects, those of shafts included, see ``with_shafts``.
-        physical: the bodies, centred at the description.
         armature: whether rotor inertias are chosen.
         effects: whether all else is chosen: friction near rest, loads, asymmetry, offsets, shafts.
     """
-    size, n, bodies = physical.center.size, robot.model.nv, windows.W[:, :, : physical.center.size]
+    physical, n = physical_set(dynamics.inertial, robot), robot.model.nv
+    size = physical.center.size
+    bodies = windows.W[:, :, :size]
     sign, chosen = np.tanh(motion.v / robot.friction.threshold), np.isin(averages.t, windows.t)
     near = [
         averages.mean(sign * np.exp(-np.abs(motion.v) / fading))[chosen][:, :, None] * np.eye(n)

@@ -179,6 +179,16 @@ def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return load(ten), np.column_stack(slopes)
 
 
+def usual_load(robot: Robot) -> np.ndarray:
+    """Return the ten parameters, at the last joint, of a load as it may be: a ball at the frame.
+
+    It has about a tenth of the robot's mass, within a tenth of its reach from the task frame.
+    """
+    ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
+    placement = robot.model.frames[robot.frame_id].placement
+    return np.asarray(placement.act(ball).toDynamicParameters())
+
+
 @dataclass(frozen=True, eq=False)
 class ArmPrior:
     """What is known of all bodies of an arm before a load; the joints' coefficients are free.
@@ -220,8 +230,8 @@ class ArmPrior:
     def likeliest(cls, robot: Robot, dynamics: Dynamics, found: Information) -> ArmPrior:
         """Return the prior whose share has the largest evidence in a run with an unknown load.
 
-        A load is expected to have about a tenth of the robot's mass, within a tenth of its reach
-        from the task frame. The share is zero where the description has bodies without inertia.
+        A load is expected to be like ``usual_load``. The share is zero where the description has
+        bodies without inertia.
 
         Args:
             robot: as described.
@@ -231,8 +241,7 @@ class ArmPrior:
         if prior_covariance(robot, dynamics) is None:
             return cls.of(robot, dynamics, 0.0)
         plain = cls.of(robot, dynamics, 1.0)
-        ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
-        ten = robot.model.frames[robot.frame_id].placement.act(ball).toDynamicParameters()
+        ten = usual_load(robot)
         load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
         load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
         R, c = plain._equations(found)
