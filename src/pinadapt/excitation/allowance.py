@@ -13,14 +13,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import positive, vector
+from .._checks import joint_numbers, positive
 from ..description.chain import (
     effort_limits,
     position_limits,
     velocity_limits,
 )
 from ..description.urdf import read_xml
-from ..exceptions import InputError, RobotError
+from ..exceptions import RobotError
 from ..robot.changes import Payload
 from ..robot.home import MARGIN, MountingPlane
 from ..robot.robot import LOAD, Robot
@@ -288,8 +288,7 @@ def _range(
         )
     reach = np.where(slides, _SLIDE, _TURN)
     if excursion is not None:
-        reach = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
-        positive(float(reach.min()), "excursion", error=InputError)
+        reach = joint_numbers(excursion, "excursion", robot.model.nv, zero=False)
     margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))

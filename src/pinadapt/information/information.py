@@ -208,6 +208,13 @@ def position_rows(
     return W, r
 
 
+def measured_frames(measurements: Sequence[Measurement]) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (M) [s] and coordinates (M, m) of the frames in measurements."""
+    seen = [one for one in measurements if one.x is not None]
+    taken = [one.t if one.x_time is None else one.x_time for one in seen]
+    return np.array(taken, dtype=float), np.array([one.x for one in seen], dtype=float)
+
+
 def frames(
     kinematics: TaskKinematics, measurements: Sequence[Measurement]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -215,14 +222,12 @@ def frames(
 
     Of a late frame q is that at ``x_time``, between two measurements.
     """
-    seen = [one for one in measurements if one.x is not None]
-    taken = np.array([one.t if one.x_time is None else one.x_time for one in seen], dtype=float)
+    taken, x = measured_frames(measurements)
     times, first = np.unique(taken, return_index=True)
-    x = np.array([seen[k].x for k in first], dtype=float)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
     kept, q, v = at_times(kinematics.robot.model, t, q, times)
     m = kinematics.positions
-    return q, v, x[kept][:, :m] if len(x) else np.zeros((0, m))
+    return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
 
 def fitted(

@@ -183,8 +183,8 @@ class Averages:
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
         first, last = np.searchsorted(t, self.t + 0.5 * length * np.array([[-1.0], [1.0]]))
         gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / FEWEST))  # before each sample
-        around = np.clip([first - 1, last], 0, len(t) - 1)
-        self.whole = gaps[around[0]] == gaps[around[1]]
+        before, after = gaps[np.clip([first - 1, last], 0, len(t) - 1)]
+        self.whole = before == after
         window = np.repeat(np.arange(count), last - first)
         sample = np.array([k for ends in zip(first, last, strict=True) for k in range(*ends)], int)
         steps = np.append(np.diff(t), 0.0)

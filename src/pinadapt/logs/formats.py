@@ -19,6 +19,7 @@ import numpy as np
 from .._checks import instance
 from .._output import read_as_data
 from ..exceptions import LogError
+from ..information.information import measured_frames
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from .bags import read_bag
@@ -54,9 +55,9 @@ def log_of_rollout(rollout: Rollout) -> Log:
     measured = [sample.measurement for sample in evaluation.samples]
     t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
     log = replace(log, t=t, q=q, v=v)
-    if frames := [part for part in measured if framed and part.x is not None]:
-        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
-        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
+    times, x = measured_frames(measured)
+    if framed and len(times):
+        log = replace(log, x=x, x_time=times)
     return log.after(since)
 
 

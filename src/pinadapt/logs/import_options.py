@@ -128,8 +128,9 @@ class ImportOptions:
     @classmethod
     def beside(cls, log: object) -> Path | None:
         """Return the path of the file beside a log, None where there is none."""
-        path = place_beside(log) if isinstance(log, Path | str) else None
-        return path if path is not None and path.is_file() else None
+        if isinstance(log, Path | str) and (path := place_beside(log)).is_file():
+            return path
+        return None
 
     def updated(self, **given: Any) -> ImportOptions:
         """Return the options with other values, columns merged; None leaves one as it is."""
