@@ -21,7 +21,6 @@ serial robots*, IEEE Trans. Robotics and Automation 6 (1990) 368-373, for the QR
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +32,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from .._checks import flag, name_list, word
-from .._output import Printed, Report, Table, write_text
+from .._output import Printed, Report, Table, write_json
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, rms, spread
@@ -189,7 +188,7 @@ class Calibration(Printed):
             OSError: they cannot be written.
         """
         self.robot.save(Path(folder) / FILES[0])
-        write_text(Path(folder) / FILES[1], json.dumps(self.summary(), indent=2) + "\n")
+        write_json(Path(folder) / FILES[1], self.summary())
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

@@ -44,7 +44,7 @@ from .fits import (
 from .logged_motion import motion_of_log
 from .report import Identification
 from .selection import choose_effects, with_shafts
-from .torque_check import TorqueCheck, check_torques
+from .torque_check import check_torques
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
@@ -138,9 +138,19 @@ def identify(
     physical_set(dynamics, nominal)  # refuses other parameters
     check = None
     if dynamics.size and constraints is None:
-        doubtful = any(way.doubtful for way in intakes)
-        check = _torques_checked([*logs, *without], described, doubtful=doubtful)
-    motion = _motion_of(nominal, logs)
+        checks = [check_torques(one, described) for one in (*logs, *without)]
+        check = min(checks, key=lambda one: one.fits)  # the first that does not, if there is one
+        if not (check.fits or any(way.doubtful for way in intakes)):
+            raise TorqueMismatchError(
+                check.verdict,
+                where=f"{check.source}: tau",
+                hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
+                'intake={"doubtful": True}.',
+                check=check,
+            )
+    # one after another, each smoothed alone
+    *arrays, smoothed = zip(*(motion_of_log(nominal, one) for one in logs), strict=True)
+    motion = MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
     _check_contacts(nominal, motion)
     split = float(motion.t[-1] - 0.25 * (motion.t[-1] - motion.t[0]))
     if tests:
@@ -233,12 +243,6 @@ def _several(given: Any) -> tuple[Any, ...]:
     return tuple(given) if isinstance(given, list | tuple) else (given,)
 
 
-def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
-    """Return the motions of logs one after another; each is smoothed alone."""
-    *arrays, smoothed = zip(*(motion_of_log(robot, log) for log in logs), strict=True)
-    return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
-
-
 def _online(
     estimator: Estimator, motion: MeasuredMotion, split: float, progress: Progress | bool | None
 ) -> dict[float, Estimate]:
@@ -289,24 +293,6 @@ def _controller(robot: Robot, unknown: Unknown) -> Controller:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*nominal regressor")
         return make_controller(robot, unknown=unknown, limits=Limits(torque=False))
-
-
-def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
-    """Return the check of the first log that does not fit, or of the first one.
-
-    Raises:
-        TorqueMismatchError: one does not fit, and doubts are not accepted.
-    """
-    check = min((check_torques(one, robot) for one in logs), key=lambda check: check.fits)
-    if check.fits or doubtful:
-        return check
-    raise TorqueMismatchError(
-        check.verdict,
-        where=f"{check.source}: tau",
-        hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
-        'intake={"doubtful": True}.',
-        check=check,
-    )
 
 
 def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log, Robot]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, cell, html_page, whole_file, write_text
+from .._output import Printed, Report, Table, cell, html_page, whole_file, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -462,7 +461,7 @@ class Identification(Printed):
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
         write_text(folder / "intake.toml", self.intake.text([about]))
-        write_text(folder / "summary.json", json.dumps(self.summary(), indent=2) + "\n")
+        write_json(folder / "summary.json", self.summary())
         missing = []
         for name in ("report.html", "learned.urdf", "learned.xml")[: 2 + mjcf]:
             try:
