@@ -45,9 +45,9 @@ def options_of(*arguments):
 
 
 def test_options_override_the_file_beside_the_log(tmp_path):
-    (tmp_path / "log.intake.toml").write_text('rate = 50.0\nmount = "ceiling"\n')
+    (tmp_path / "log.intake.toml").write_text('rate = 50.0\nmount = "wall"\n')
     log = str(tmp_path / "log.csv")
-    assert options_of(log) == ImportOptions(rate=50.0, mount="ceiling")
+    assert options_of(log) == ImportOptions(rate=50.0, mount="wall")
     assert options_of(log, "--rate", "20", "--gravity", "0,0,9") == ImportOptions(
         rate=20.0, gravity=[0, 0, 9]
     )
@@ -57,7 +57,7 @@ def test_options_override_the_file_beside_the_log(tmp_path):
         pa.InputError, match=r"options apply to all logs, but .*other\.intake\.toml states how one"
     ):
         options_of(log, other, "--degrees")
-    assert options_of(log, other) == ImportOptions(rate=50.0, mount="ceiling")
+    assert options_of(log, other) == ImportOptions(rate=50.0, mount="wall")
     (tmp_path / "other.toml").write_text("degrees = true\n")
     assert options_of(log, "--intake", str(tmp_path / "other.toml")) == ImportOptions(degrees=True)
 

@@ -80,7 +80,7 @@ def test_loads_that_come_and_go_are_found_within_a_second():
         mass = 0.0 if load is None else load.mass
         assert abs(got.mass - mass) < 0.03 * max(mass, 1.0), since
     last = estimator.estimate(states[-1])
-    assert last.load.mass == pytest.approx(OTHER.mass, rel=0.01)
+    assert last.load.mass == pytest.approx(OTHER.mass, rel=0.01) and not last.advice
     assert np.abs(found_load(estimator, states[-1], OTHER)).max() < 4.0
     assert str(last).startswith("load 0.")
 
@@ -239,13 +239,15 @@ def test_steps_are_pure_and_refuse_what_is_no_measurement():
     assert estimator.step(states[-1], sample).t == 3.0
 
 
-def test_windows_in_which_nothing_moves_are_not_read():
+def test_too_little_motion_says_which_joint_to_shake():
     robot = catalogue_robot("panda")
     t, q, v, tau = signals({0.0: LOAD}, 1.5)
     estimator = pa.Estimator(robot, period=4e-3, held=False)
     rest = np.broadcast_to(q[:1], q.shape)
     still = run(estimator, t, rest, 0.0 * v, 0.0 * tau + tau[0])[-1]
     assert still.accepted == (0, 0, 0)
+    advice = estimator.estimate(still).advice
+    assert advice.startswith("not enough motion yet: shake panda_joint")
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from benchmarks import corrupted_logs
 from pinadapt.description.chain import effort_limits
-from pinadapt.identification.torque_check import check_torques
+from pinadapt.identification.torque_check import check_torques, on_wall
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import motion, torques
@@ -80,13 +80,23 @@ def test_degrees_and_torques_without_gravity_are_named():
     assert "--compensated nominal" in causes(replace(log, tau=log.tau - added), robot)
 
 
-def test_an_arm_on_a_wall_or_ceiling_is_recognised():
+def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
     robot = catalogue_robot("ur5")
-    for gravity in ((9.81, 0.0, 0.0), (0.0, 0.0, 9.81)):
+    for gravity, place in (((9.81, 0.0, 0.0), "wall"), ((0.0, 0.0, 9.81), "ceiling")):
         hung = with_gravity(robot, gravity)
         log = turned_in(hung, "ur5")
+        text = causes(log, robot)
         down = ",".join(f"{x:.3g}" for x in gravity)
-        assert f"--gravity={down}" in causes(log, robot) and not causes(log, hung)
+        assert f"--gravity={down}" in text and not causes(log, hung)
+        mounted = on_wall(log, robot)
+        if place == "wall":
+            assert np.allclose(mounted.model.gravity.linear, gravity)
+            turned_joint = replace(log, tau=log.tau * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+            assert f"--flip {log.joints[1]}" in causes(turned_joint, on_wall(turned_joint, robot))
+            amperes = replace(log, tau=0.1 * log.tau)
+            assert "motor currents" in causes(amperes, on_wall(amperes, robot))
+        else:
+            assert f"--gravity={down}" in causes(log, mounted)
 
 
 def turned_in(robot, name):

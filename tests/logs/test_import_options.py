@@ -12,7 +12,8 @@ from tests.logs.test_logs import columns_of, same, write_bag, write_csv
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded
 
-GEAR = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+GEAR = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+GEAR[5, 4] = 32.0  # a coupled wrist: motor 6 turns with joint 5
 
 
 @pytest.fixture
@@ -104,22 +105,23 @@ def test_joints_of_other_names_are_stated(tmp_path, robot, log):
 
 
 def test_motor_signals_are_converted_by_their_gears(robot, log):
-    """Power is the same on both sides, so that tau = G tau_m for q_m = G q."""
+    """Power is the same on both sides, so that tau = G^T tau_m for q_m = G q."""
     gains, zero = (
         np.array([0.1, 0.2, 0.1, 0.05, 0.3, 0.1]),
         np.array([0.0, 0.5, -0.5, 0.0, 0.0, 1.0]),
     )
+    inverse = np.linalg.inv(GEAR)
     motors = replace(
         log,
-        q=(log.q - zero) * GEAR,
-        v=log.v * GEAR,
-        tau=log.tau / GEAR / gains,
+        q=(log.q - zero) @ GEAR.T,
+        v=log.v @ GEAR.T,
+        tau=log.tau @ inverse / gains,
     )
     power = np.sum(motors.tau * gains * motors.v, axis=1)
     assert np.allclose(power, np.sum(log.tau * log.v, axis=1))
     found = read(motors, robot, gear=GEAR.tolist(), torque_gain=gains, offset=zero)
     assert same(found, log)
-    assert same(read(replace(log, tau=log.tau / GEAR), robot, torque_gain=GEAR), log)
+    assert same(read(replace(log, tau=log.tau @ inverse), robot, torque_gain=GEAR.T), log)
 
 
 def test_gains_signs_and_offsets_are_given_for_some_joints(robot, log):
@@ -199,11 +201,7 @@ def test_an_intake_is_written_and_read(tmp_path):
         doubtful=True,
     )
     path = tmp_path / "a.toml"
-    for intake in (
-        full,
-        ImportOptions(),
-        ImportOptions(mount="ceiling", joints={"tau": ["a", "b"]}),
-    ):
+    for intake in (full, ImportOptions(), ImportOptions(mount="wall", joints={"tau": ["a", "b"]})):
         path.write_text(intake.text(["What was assumed."]))
         found = ImportOptions.of(path)
         for one in fields(ImportOptions):

@@ -105,6 +105,8 @@ def flawed(log, robot):
         "at least 1 s are needed": replace(log, t=1e-3 * log.t),
         "are the times in seconds? --rate": replace(log, t=1e3 * log.t),
         "the torque of shoulder_pan_joint is zero": replace(log, tau=0.0 * log.tau),
+        "57.3 times the rate": replace(log, v=np.degrees(log.v)),
+        "-1 times the rate": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
         "joint 'elbow_joint' is missing": replace(log, joints=renamed),
         "5 columns, but ur5 has 6": replace(log, q=log.q[:, :5], joints=()),

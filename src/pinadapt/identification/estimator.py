@@ -57,6 +57,10 @@ _RECENT = 75  # windows whose residuals tell how long errors last; half and twic
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
 _ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
+_SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
+# Of the mass of a load, and of a hundredth of the robot's: above it motion is asked for; half and
+# twice: for longer, and less long.
+_KNOWN = 0.1
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _GEAR = _DRY.index("gear_friction")
 # Shares of a torque: its noise before there are residuals, with the weight of one window, and the
@@ -170,6 +174,7 @@ class Estimate:
         a: (p) bodies without the load, the ten parameters of the load, coefficients of the joints.
         deviations: (p) of them.
         noise: (n) of the torque of a window, what friction's model leaves included [N m or N].
+        advice: what would tell more; empty: nothing would tell much.
     """
 
     robot: Robot
@@ -178,6 +183,7 @@ class Estimate:
     a: np.ndarray
     deviations: np.ndarray
     noise: np.ndarray
+    advice: str
 
     @property
     def model(self) -> pin.Model:
@@ -221,15 +227,15 @@ class Estimate:
                 model.dof_frictionloss[dof] = friction.coulomb[i - 1]
 
     def __str__(self) -> str:
-        """Return the load."""
-        load = self.load
-        if load is None:
-            return "no load"
-        centre = ", ".join(
-            f"{1e3 * c:.0f} +- {1e3 * d:.0f}"
-            for c, d in zip(load.com, load.com_known_to, strict=True)
-        )
-        return f"load {load.mass:.3f} +- {load.mass_known_to:.2g} kg at ({centre}) mm"
+        """Return the load and the advice."""
+        load, words = self.load, "no load"
+        if load is not None:
+            centre = ", ".join(
+                f"{1e3 * c:.0f} +- {1e3 * d:.0f}"
+                for c, d in zip(load.com, load.com_known_to, strict=True)
+            )
+            words = f"load {load.mass:.3f} +- {load.mass_known_to:.2g} kg at ({centre}) mm"
+        return f"{words}; {self.advice}" if self.advice else words
 
 
 class Estimator:
@@ -729,6 +735,7 @@ class Estimator:
             a,
             np.linalg.norm(root, axis=1),
             noise,
+            self._advice(state, a, load, root, noise),
         )
 
     def _fitted(
@@ -762,6 +769,28 @@ class Estimator:
         a = a.copy()
         a[self._rest] = np.maximum(a[self._rest], -1.0)
         return a
+
+    def _advice(
+        self,
+        state: EstimatorState,
+        a: np.ndarray,
+        load: PayloadEstimate | None,
+        root: np.ndarray,
+        noise: np.ndarray,
+    ) -> str:
+        """Return which joint to shake, if that told more of the load than the noise hides."""
+        robot, B = self.robot, self._map(state.load, a)[: self.dynamics.size, self._load]
+        if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
+            return ""
+        gains = np.zeros(robot.model.nv)
+        for j, name in enumerate(robot.joint_names):
+            if name in BASE_JOINTS:
+                continue
+            step = _SHAKE * np.eye(len(gains))[j]
+            q = pin.integrate(robot.model, robot.q0, step)
+            Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
+            gains[j] = np.linalg.norm(Y @ B @ root[self._load] / noise[:, None])
+        return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
 
 
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:

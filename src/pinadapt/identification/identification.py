@@ -44,7 +44,7 @@ from .fits import (
 from .logged_motion import motion_of_log
 from .report import Identification
 from .selection import choose_effects, with_shafts
-from .torque_check import check_torques
+from .torque_check import check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
@@ -303,6 +303,8 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     """
     robot = intake.mounted(robot)
     log = read_log(source, robot, intake=intake)
+    if intake.mount == "wall":
+        robot = on_wall(log, robot)
     added = compensation_of(robot, intake.compensated)
     if added is None:
         return log, robot

@@ -177,6 +177,23 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     return TorqueCheck(log.source, joints, tuple(causes), plain.load)
 
 
+def on_wall(log: Log, robot: Robot) -> Robot:
+    """Return a robot that hangs on a wall, with down along that axis which its torques show best.
+
+    Args:
+        log: checked, its columns in the order of the joints.
+        robot: as described, the third axis of its base normal to the wall.
+    """
+    motion = _averages(log, robot)
+
+    def likeness(hung: Robot) -> float:  # whatever units and signs of the torques are
+        d = _each(motion, hung, pin.rnea)
+        return float(np.sum(_compared(motion, motion.tau, d).correlation ** 2))
+
+    walls = (hung for hung in _mountings(robot) if not hung.model.gravity.linear[2])
+    return max(walls, key=likeness)
+
+
 class _Motion(NamedTuple):
     """Averages over K windows (K, n), of joints in rad or m.
 
@@ -317,15 +334,10 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
 
 def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Robot]]:
     """Yield the usual mistakes, and the motion and the robot that undo each."""
-    names, down = robot.joint_names, robot.model.gravity.linear
-    size = float(np.linalg.norm(down))
-    for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
-        if np.allclose(gravity, down, atol=0.1 * size):
-            continue
-        model = robot.model.copy()
-        model.gravity.linear = gravity
-        option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}"
-        yield f"the base is mounted another way; {option}", motion, replace(robot, model=model)
+    names = robot.joint_names
+    for hung in _mountings(robot):
+        option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in hung.model.gravity.linear)}"
+        yield f"the base is mounted another way; {option}", motion, hung
     cause = "they are without gravity, which the arm adds; --compensated nominal"
     rest = np.zeros_like(motion.v)
     weight = _each(motion._replace(v=rest, a=rest), robot, pin.rnea)
@@ -376,3 +388,14 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
         )
         gains = np.where(clear, bare.factor, common)  # motors may be unlike
         yield cause, motion._replace(tau=motion.tau / gains), robot
+
+
+def _mountings(robot: Robot) -> Iterator[Robot]:
+    """Yield the robot with gravity along the other axes of its base."""
+    down = robot.model.gravity.linear
+    size = float(np.linalg.norm(down))
+    for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
+        if not np.allclose(gravity, down, atol=0.1 * size):
+            model = robot.model.copy()
+            model.gravity.linear = gravity
+            yield replace(robot, model=model)

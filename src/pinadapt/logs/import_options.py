@@ -5,8 +5,8 @@ gears, signs, and how the arm was mounted. It is applied in this order:
 
 1. columns give t, q, v and tau, ``rate`` the times, ``repeated`` leaves samples out;
 2. ``joints`` puts the columns into the order of the robot;
-3. ``degrees``, then for motors with gears G, q_m = G q: q = q_m / G, v = v_m / G,
-   tau = G K tau_m, with the torque gains K, such as N m/A;
+3. ``degrees``, then for motors with gears G, q_m = G q: q = G^-1 q_m, v = G^-1 v_m,
+   tau = G^T K tau_m, with the torque gains K, such as N m/A;
 4. ``flip`` changes signs, ``offset`` is added to the positions.
 """
 
@@ -27,6 +27,7 @@ from .._checks import (
     located,
     mapping,
     name_list,
+    numbers,
     positive,
     vector,
     word,
@@ -38,7 +39,7 @@ from .log import NAMES, SIGNALS, Log, joint_order
 
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
-MOUNTS = ("floor", "ceiling")
+MOUNTS = ("floor", "wall", "ceiling")
 
 
 @dataclass(frozen=True)
@@ -57,16 +58,17 @@ class ImportOptions:
         rate: of the samples [Hz], for logs without times or with times that jitter.
         repeated: "refuse" a log with repeated samples, or "drop" these.
         degrees: whether angles and their velocities are in degrees.
-        gear: turns of the motor for one of the joint, negative where it turns the other way. Where
-            the torques alone are those of the motors, ``torque_gain`` takes it.
-        torque_gain: torque for a unit of what was recorded, such as N m/A.
+        gear: turns of the motor for one of the joint, negative where it turns the other way; for
+            coupled joints a matrix G (n, n) of motor angles G q. Where the torques alone are those
+            of the motors, ``torque_gain`` takes G^T.
+        torque_gain: torque for a unit of what was recorded, such as N m/A; or a matrix (n, n).
         flip: joints whose torque has the other sign; "q:NAME" for position and velocity.
         offset: added to the positions [rad or m].
         topic: of a bag's joint states, where it has several.
         pose_topic: of the frame's position in a bag.
         compensated: "nominal" if the arm compensates its gravity and logs the rest only.
         gravity: (3) in the axes of the robot's base [m/s^2].
-        mount: "floor" or "ceiling"; on a wall state ``gravity``.
+        mount: "floor", "ceiling", or "wall": then the torques show where down is.
         doubtful: whether to go on although the torques do not fit the description.
     """
 
@@ -141,8 +143,8 @@ class ImportOptions:
         return replace(self, **chosen)
 
     def mounted(self, robot: Robot) -> Robot:
-        """Return a robot with the stated gravity."""
-        if self.gravity is None and self.mount is None:
+        """Return a robot with the stated gravity; on a wall it is not known here."""
+        if self.gravity is None and self.mount in (None, "wall"):
             return robot
         model = robot.model.copy()
         size = float(np.linalg.norm(model.gravity.linear))
@@ -155,21 +157,24 @@ class ImportOptions:
         """Return a log of a robot's joints, in its order, in SI units and behind the gears.
 
         Raises:
-            InputError: wrong sizes, unknown joints, gears of zero, or positions with more numbers
-                than there are joints.
+            InputError: wrong sizes, unknown joints, gears that cannot be inverted, or positions
+                with more numbers than there are joints.
         """
         log = self._in_order_of(robot, log)
         names, n = robot.joint_names, robot.model.nv
-        gear, gain, offset = (
-            _per_joint(getattr(self, key), names, key, default)
-            for key, default in (("gear", 1.0), ("torque_gain", 1.0), ("offset", 0.0))
-        )
-        if not gear.all():
-            raise LogError("a gear of zero does not move its joint.", where="intake.gear")
+        G, K = _matrix(self.gear, names, "gear"), _matrix(self.torque_gain, names, "torque_gain")
+        if np.linalg.matrix_rank(G) < n:
+            raise LogError(
+                "these gears cannot be inverted: some joint would not move.",
+                where="intake.gear",
+                hint="Row i has the turns of motor i for one turn of each joint.",
+            )
         turning = ~np.array(list(robot.slides.values()))
-        scale = self._signs("q", names) / gear * np.where(turning & self.degrees, math.pi / 180, 1)
-        log = replace(log, tau=log.tau * (self._signs("tau", names) * (gear * gain)))
-        if (scale == 1.0).all() and not offset.any():
+        scale = np.where(turning & self.degrees, math.pi / 180.0, 1.0)
+        A = self._signs("q", names)[:, None] * np.linalg.inv(G) * scale
+        offset = _per_joint(self.offset, names, "offset", 0.0)
+        log = replace(log, tau=_mapped(self._signs("tau", names)[:, None] * (G.T @ K), log.tau))
+        if np.array_equal(A, np.eye(n)) and not offset.any():
             return log
         if log.q.shape[1] != n:
             raise LogError(
@@ -178,8 +183,8 @@ class ImportOptions:
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
-        v = None if log.v is None else log.v * scale
-        return replace(log, q=log.q * scale + offset, v=v)
+        v = None if log.v is None else _mapped(A, log.v)
+        return replace(log, q=_mapped(A, log.q) + offset, v=v)
 
     def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
         """Return the sign (n) of each joint for a signal."""
@@ -244,3 +249,18 @@ def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np
             word(name, names, where)
         given = [given.get(name, default) for name in names]
     return vector(default if given is None else given, len(names), where, names=list(names))
+
+
+def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
+    """Return gains or gears as a matrix (n, n); None: one."""
+    if given is not None and not isinstance(given, Mapping):
+        given = numbers(given, f"intake.{key}")
+        if given.shape == (len(names), len(names)):
+            return np.asarray(given)
+    return np.diag(_per_joint(given, names, key, 1.0))
+
+
+def _mapped(A: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Return A y for each row y; where A is diagonal, NaN stays with its joint."""
+    diagonal = np.diag(A)
+    return part * diagonal if np.array_equal(A, np.diag(diagonal)) else part @ A.T

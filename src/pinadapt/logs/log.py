@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 
 from .._checks import LARGEST
 from ..exceptions import LogError, did_you_mean
-from ..information.measured_motion import integrated
+from ..information.measured_motion import differences, integrated
 from ..robot.robot import Robot
 
 SIGNALS = ("q", "v", "tau")  # of the joints
@@ -27,6 +28,9 @@ NAMES = {
 _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
+
+_MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
+_AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +254,8 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     if share > _REPEATED:
         words = f"{share:.0%} of the samples repeat the one before in all numbers"
         refuse("t", f"{words}, so that their times are wrong.", "--repeated drop leaves them out.")
+    if (other := _other_velocity(log, robot)) is not None:
+        refuse("v", *other)
     still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
         name = robot.joint_names[int(still.argmax())]
@@ -258,6 +264,32 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
             f"the torque of {name} is zero in all samples: not recorded.",
             f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
+
+
+def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
+    """Return what is wrong with velocities that disagree with the positions, and what to try."""
+    if log.v is None:
+        return None
+    q = log.configurations(robot)
+    rates = differences(robot.model, q) / np.diff(log.t)[:, None]
+    means = 0.5 * (log.v[1:] + log.v[:-1])
+    both = np.isfinite(rates) & np.isfinite(means)
+    # averages, in which the noise of differenced encoders cancels
+    rates, means = (
+        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0) for part in (rates, means)
+    )
+    size = np.mean(rates**2, axis=0)
+    factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
+    wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
+    if not wrong.any():
+        return None
+    j = int(wrong.argmax())
+    return (
+        f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
+        "positions: other units, another sign, or the other side of a gear.",
+        "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
+        "computed from the positions.",
+    )
 
 
 def in_sequence(logs: Sequence[Log], pause: float) -> list[Log]:
