@@ -77,7 +77,8 @@ def test_continuous_joints_are_angles_or_configurations():
     assert np.allclose(
         replace(log, q=configurations, joints=()).configurations(kinova), configurations
     )
-    pa.read_log(replace(log, q=configurations, joints=()), kinova)
+    read = pa.read_log(replace(log, q=configurations, joints=()), kinova)
+    assert np.array_equal(read.q, configurations)
 
 
 def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot, blank_pictures):

@@ -110,7 +110,7 @@ class Log:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
         names, log = robot.joint_names, self
-        if self.joints:
+        if self.joints and list(self.joints) != names:
             log = self.ordered(joint_order(self.joints, names, self.source))
             log = replace(log, joints=tuple(names))
         n, nq = robot.model.nv, robot.model.nq
