@@ -783,9 +783,7 @@ class Estimator:
         if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
             return ""
         gains = np.zeros(robot.model.nv)
-        for j, name in enumerate(robot.joint_names):
-            if name in BASE_JOINTS:
-                continue
+        for j in np.flatnonzero(self._moving):
             step = _SHAKE * np.eye(len(gains))[j]
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
