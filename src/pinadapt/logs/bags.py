@@ -37,7 +37,7 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """
     reader = optional("rosbags.highlevel", "bags", str(path), LogError)
     types = optional("rosbags.typesys", "bags", str(path), LogError)
-    x = x_time = None
+    frames = None
     # for messages whose types it does not hold
     store = types.Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else types.Stores.ROS2_HUMBLE
     with reader.AnyReader([path], default_typestore=types.get_typestore(store)) as bag:
@@ -50,9 +50,16 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
             parts += [f"{rotation}.{axis}" for axis in "xyzw" if rotation]
             of = attrgetter(*parts)
             frames = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
-            x, x_time = frames[:, 1:], frames[:, 0] - t[0]
-    known = v if np.isfinite(v).any() else None
-    return Log(t - t[0], q, tau, known, tuple(joints), x, x_time, source=str(path))
+    return Log(
+        t - t[0],
+        q,
+        tau,
+        v if np.isfinite(v).any() else None,
+        tuple(joints),
+        None if frames is None else frames[:, 1:],
+        None if frames is None else frames[:, 0] - t[0],
+        source=str(path),
+    )
 
 
 def _topic(bag: Any, stated: str | None, kinds: Collection[str], path: Path) -> str:
