@@ -96,9 +96,8 @@ def parameter_figure(run: Drawable) -> Picture:
 def torque_figure(run: Drawable) -> Picture:
     """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The disturbance is drawn where the law observes it,
-    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
-    the smallest of the estimated mass matrix. Shading marks a torque at its limit.
+    The limits are those of the description. The disturbance is drawn where the law observes it. The
+    eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its limit.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
@@ -113,10 +112,6 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
-        if run.disturbance_noise is not None:
-            band = run.disturbance_noise.max(axis=1)
-            axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
-            legend(axes[-2])
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)
@@ -152,10 +147,8 @@ def prediction_figure(
             ax.plot(t, values[:, j], lw=1.0, label=words)
         ax.axvspan(split, t[-1], color="C3", alpha=0.2, lw=0.0, label="held out")
     for ax in axes[len(slides) :]:
-        ax.set_visible(False)
-    for ax in axes[max(0, len(slides) - 2) : len(slides)]:
-        ax.set_xlabel("time [s]")
-        ax.tick_params(labelbottom=True)
+        ax.remove()
+    figure.supxlabel("time [s]")
     legend(axes[min(1, len(slides) - 1)])
     figure.suptitle(literal(f"{title}: torques, low-passed"))
     return figure

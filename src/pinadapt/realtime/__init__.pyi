@@ -14,5 +14,4 @@ from .recorder import tell as tell
 from .recorder import watched as watched
 from .safety import Checklist as Checklist
 from .safety import Safety as Safety
-from .safety import SafetyAction as SafetyAction
 from .safety import SafetyFinding as SafetyFinding

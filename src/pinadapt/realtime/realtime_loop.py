@@ -44,7 +44,7 @@ from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
 from .recorder import Phase, Recorder, load_of
-from .safety import STILL, Checklist, Safety, SafetyAction, SafetyFinding
+from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
@@ -129,7 +129,6 @@ class RunResult:
         late: how many took more than one and a half periods, by either clock.
         step: how often it took which time from a measurement to its torque [us].
         period: the same of the time between measurements by this computer's clock [us].
-        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -141,7 +140,6 @@ class RunResult:
     late: int = 0
     step: Counter[int] = field(default_factory=Counter)
     period: Counter[int] = field(default_factory=Counter)
-    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
@@ -149,12 +147,9 @@ class RunResult:
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
         times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
-        notes = list(self.notes)
-        if not math.isnan(self.received):
-            notes.append(f"at least {self.received:.0%} of the last torques were received")
         rows = [("cycles", f"{self.cycles}, {self.late} late by over half a period")]
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
-        rows += [("note", note) for note in notes]
+        rows += [("note", note) for note in self.notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
         return str(Report(f"loop, {self.reason}", [histogram, Table(rows)]))
 
@@ -452,7 +447,6 @@ class RealtimeLoop:
             host = 0.0 if self._facts.clock == "simulated" else host
             lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
             self._blind = self._blind + host if lost else 0.0
-            result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
@@ -463,12 +457,12 @@ class RealtimeLoop:
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
         finding = self._checks.of_arm(m, dt, host, self._arm.received)
         if self._flaw:
-            finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
+            finding = SafetyFinding("driver", self._flaw, Phase.DAMPING)
         if finding is None and recorder is not None and recorder.trouble and not self._leaving:
-            finding = SafetyFinding("log", recorder.trouble, SafetyAction.HOLD)
+            finding = SafetyFinding("log", recorder.trouble, Phase.HOLDING)
         if self._signals:  # the first one holds, the second one damps, the third one stops
-            action = SafetyAction(min(self._signals + SafetyAction.REST, SafetyAction.STOP))
-            finding = SafetyFinding("interrupt", "Ctrl-C or a signal", action)
+            phase = Phase(min(Phase.RUNNING + self._signals, Phase.STOPPED))
+            finding = SafetyFinding("interrupt", "Ctrl-C or a signal", phase)
         self._respond(finding)
         torque: np.ndarray | None = None
         if self._phase is Phase.RUNNING and self.stage is Stage.GRAVITY:
@@ -482,9 +476,10 @@ class RealtimeLoop:
             return None
         if not np.isfinite(torque).all():
             words = "a torque is not finite"
-            self._respond(SafetyFinding("controller", words, SafetyAction.STOP))
+            self._respond(SafetyFinding("controller", words, Phase.STOPPED))
             return None
-        self._sent = self._checks.limited(torque, self._sent, max(dt, self._period))
+        change = self._checks.rate * max(dt, self._period)
+        self._sent = limited_torque(torque, self._checks.limit, self._sent, change)
         self._given = self._of_motors(self._sent, m)
         return self._sent
 
@@ -505,7 +500,7 @@ class RealtimeLoop:
         except PinadaptError as error:
             self._state = state
             words = " ".join(str(error).split())
-            self._respond(SafetyFinding("controller", words, SafetyAction.DAMP))
+            self._respond(SafetyFinding("controller", words, Phase.DAMPING))
             return None
         self._last.append(torque)
         self._state = after
@@ -518,7 +513,7 @@ class RealtimeLoop:
         pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
         finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
-        if finding is not None and finding.action is SafetyAction.REST:
+        if finding is not None and finding.phase is Phase.RUNNING:
             if self._calm > _SETTLED:
                 self._note(f"the adaptation rests: {finding}")
             self._calm = 0.0
@@ -541,7 +536,7 @@ class RealtimeLoop:
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])
             words = f"neither q nor v of {names} is measured any more; it needs brakes"
-            self._respond(SafetyFinding("unseen", words, SafetyAction.STOP))
+            self._respond(SafetyFinding("unseen", words, Phase.STOPPED))
         return torque
 
     def _advance(self) -> None:
@@ -564,12 +559,12 @@ class RealtimeLoop:
         return self._phase >= Phase.DAMPING or (self._phase is Phase.HOLDING and not self._halted)
 
     def _respond(self, finding: SafetyFinding | None) -> None:
-        """Enter the phase of a finding's action, unless a later one has been entered already."""
+        """Enter the phase of a finding, unless it or a later one has been entered already."""
         if finding is None:
             return
-        phase = Phase(int(finding.action))  # of the same number
+        phase, failed = finding.phase, finding.check not in ("interrupt", "stop")
         if phase > self._phase or (phase is Phase.HOLDING and self._halted):
-            self._enter(phase, str(finding), failed=finding.check not in ("interrupt", "stop"))
+            self._enter(phase, str(finding), failed=failed)
 
     def _enter(
         self, phase: Phase, why: str, *, failed: bool = False, commanded: bool = False
@@ -645,7 +640,7 @@ class RealtimeLoop:
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
         elif name == "stop" and self._phase is not Phase.STARTING:
-            self._respond(SafetyFinding("stop", str(value or "commanded"), SafetyAction.HOLD))
+            self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
         elif name == "load" and self._state is not None:
             self._state = self._controller.announce(self._state, payload=load_of(value))
             self._checks.announced()

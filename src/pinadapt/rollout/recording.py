@@ -19,7 +19,6 @@ from ..information.information import MotionTorques, TorquePrediction, motion_to
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
-from ..tasks.frame import ImageTask
 from ..tasks.task import Task
 from .limit_excess import LimitExcess
 
@@ -483,25 +482,6 @@ class Recording:
         return np.array([number(A) if np.isfinite(A).all() else np.nan for A in matrices])
 
     @cached_property
-    @np.errstate(all="ignore")
-    def beside_picture(self) -> float | None:
-        """Largest distance of the tool from where its picture is the desired one [m].
-
-        In the last 10 %, to the nearest such point; None for tasks other than a picture.
-        """
-        if not isinstance(self.task, ImageTask) or not len(self.t):
-            return None
-        true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
-        if not true.known:
-            return None
-        found = []
-        for k in last[:: max(1, len(last) // 100)]:
-            robot = true.robots[int(true.index(self.t[k]))]
-            tool: Any = robot.task
-            found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
-        return extreme(np.max, np.array(found))
-
-    @cached_property
     def disturbance(self) -> np.ndarray | None:
         """The torque (N, nv) [N m or N] that acts on the joints and is not in the model.
 
@@ -509,15 +489,6 @@ class Recording:
         """
         run = self.evaluated()
         return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
-
-    @cached_property
-    def disturbance_noise(self) -> np.ndarray | None:
-        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
-
-        None where there is no disturbance, or no period.
-        """
-        controller = self.evaluated().controller
-        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
 
     @cached_property
     def limits(self) -> LimitExcess:

@@ -29,7 +29,7 @@ Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance"),
     *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
@@ -84,7 +84,7 @@ def summary(run: Recording) -> Numbers:
         own = zip(run.task.frames, run.task.ids, strict=True)
         numbers["recorded"]["frames"] = dict(own)
     if isinstance(run.task, ImageTask):
-        numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
+        numbers["pixel"] = run.task.pixel
     numbers["verdict"] = _verdict(run, numbers)
     return dict(as_json(numbers))
 
@@ -106,7 +106,6 @@ def sheet(run: Recording, numbers: Numbers) -> Report:
         ("error, first 10 % (max)", "max_error_first", shown),
         ("error, last 10 % (max)", "max_error_last", shown),
         ("error, last 10 % (rms)", "rms_error_last", shown),
-        ("tool error, from the picture, last 10 % (max)", "max_tool_error_last", DISPLAYS["m"]),
         ("angle, first 10 % (max)", "max_angle_first", angle),
         ("angle, last 10 % (max)", "max_angle_last", angle),
         ("largest torque", "tau_max", Display("N m or N", 1.0)),
@@ -290,8 +289,6 @@ def _error(run: Recording, numbers: Numbers) -> str:
     text = f"error of the last 10 % up to {_size(error, shown)}"
     if (share := numbers["error_share"]) is not None:
         text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
-    if (tool := numbers.get("max_tool_error_last")) is not None:
-        text += f", {_size(tool, DISPLAYS['m'])} at the tool"
     if (angle := numbers.get("max_angle_last")) is not None:
         text += f", and {_size(angle, DISPLAYS['rad'])}"
     if run.unadapted and error:

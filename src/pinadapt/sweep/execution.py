@@ -133,7 +133,7 @@ def work_of(plan: Plan) -> Work:
 # of ``summary.json``
 _KEPT = (
     *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
-    *("max_tool_error_last", "saturated", "diverged"),
+    *("saturated", "diverged"),
 )
 
 
