@@ -2,9 +2,9 @@ from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
+from .processes import Scheduling as Scheduling
 from .realtime_loop import RealtimeLoop as RealtimeLoop
 from .realtime_loop import RunResult as RunResult
-from .realtime_loop import Scheduling as Scheduling
 from .realtime_loop import Stage as Stage
 from .recorder import CycleLog as CycleLog
 from .recorder import Phase as Phase

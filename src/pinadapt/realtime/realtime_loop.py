@@ -11,17 +11,15 @@ leads to.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import math
-import os
 import signal
 import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -43,6 +41,7 @@ from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
+from .processes import Scheduling
 from .recorder import Phase, Recorder, load_of
 from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
@@ -66,50 +65,6 @@ class Stage(str, Enum):
     HOLD = "hold"  # the place where the arm is
     SLOW = "slow"  # the motion, slowly, without adaptation
     ADAPT = "adapt"  # the motion with adaptation
-
-
-@dataclass(frozen=True)
-class Scheduling:
-    """Real-time settings requested of the operating system; those denied are noted.
-
-    Attributes:
-        priority: real-time priority (SCHED_FIFO), 1 to 99; None: that of any program.
-        core: processor core to stay on; None: any.
-        lock: whether all memory is kept from being paged out.
-    """
-
-    priority: int | None = 80
-    core: int | None = None
-    lock: bool = True
-
-    @contextmanager
-    def applied(self) -> Iterator[list[str]]:
-        """Apply it, yield notes on what is not allowed, and take it back."""
-        notes: list[str] = []
-        with ExitStack() as back:
-            try:
-                if self.core is not None:
-                    back.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
-                    os.sched_setaffinity(0, {self.core})
-                if self.priority is not None:
-                    former = os.sched_getscheduler(0), os.sched_getparam(0)
-                    back.callback(os.sched_setscheduler, 0, *former)
-                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-            except (OSError, ValueError, OverflowError, AttributeError) as error:
-                notes.append(
-                    f"no core of its own or real-time priority ({error}): other programs will make "
-                    "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
-                    "yourself to the group"
-                )
-            if self.lock:
-                system = ctypes.CDLL(None)
-                back.callback(system.munlockall)
-                if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
-                    notes.append(
-                        "memory is not locked: paging may make cycles late; raise 'memlock' in "
-                        "/etc/security/limits.conf"
-                    )
-            yield notes
 
 
 def quantiles(times: Counter[int]) -> list[str]:

@@ -37,7 +37,7 @@ from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from ..robot.changes import Payload
-from .arm import MAIN, end_process, start_process
+from .processes import MAIN, end_process, start_process
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
