@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import DivergedError
 from ..records import Measurement
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction
@@ -141,17 +140,12 @@ class PinocchioPlant(SimulatedPlant):
         """Return the acceleration a (nv) at q, v under torque tau + feedthrough @ a and friction.
 
         Raises:
-            DivergedError: M - feedthrough is singular.
+            LinAlgError: M - feedthrough is singular.
         """
         M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
-        try:
-            return self._integrate.solved(M, force, q, v)
-        except np.linalg.LinAlgError as error:
-            raise DivergedError(
-                "the algebraic loop of torque and acceleration became singular."
-            ) from error
+        return self._integrate.solved(M, force, q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""

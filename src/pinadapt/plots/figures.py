@@ -87,8 +87,6 @@ def parameter_figure(run: Drawable) -> Picture:
         grey = set(names) & set(run.not_identified)
         notes = ["dashed: truth"] * (truth is not None) + ["grey: not identified"] * bool(grey)
         curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
-    if not drawn:
-        axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
     return figure
 

@@ -155,8 +155,10 @@ class MoteusArm(Arm):
         """Ask all motors and take their replies; return which (n) answered in time.
 
         Raises:
-            ArmError: a motor reports a fault, or the bus failed.
+            ArmError: a motor reports a fault, or has stopped by its watchdog, or the bus failed.
         """
+        register, modes = self._moteus.Register, self._moteus.Mode
+        asked = register.POSITION, register.VELOCITY, register.TORQUE
         answered = np.zeros(len(self._nodes), dtype=bool)
         try:
             while self._bus.recv(0.0) is not None:
@@ -168,31 +170,21 @@ class MoteusArm(Arm):
                 message = self._bus.recv(left)
                 number = 0 if message is None else message.arbitration_id
                 k = self._places.get(number >> 8 & 0x7F)
-                if k is not None and not number & 0x7F:
-                    self._take(message, k)
-                    answered[k] = True
+                if k is None or number & 0x7F:
+                    continue
+                values = self._moteus.parse_registers(bytes(message.data)).response
+                if int(values.get(register.MODE, 0)) in (modes.FAULT, modes.TIMEOUT):
+                    raise ArmError(
+                        f"the motor of {self.motors[k].joint} has fault "
+                        f"{values.get(register.FAULT, 0)}, or was stopped by its watchdog.",
+                        where=self.facts.name,
+                        hint="Faults are listed in moteus' reference; a stop command ends them.",
+                    )
+                self._raw[:, k] = [values[each] for each in asked]
+                answered[k] = True
         except self._can.CanError as error:
             raise ArmError(f"the bus failed: {error}.", where=self.facts.name) from error
         return answered
-
-    def _take(self, message: Any, k: int) -> None:
-        """Take the reply of a motor, the k-th.
-
-        Raises:
-            ArmError: it reports a fault, or has stopped by its watchdog.
-        """
-        register = self._moteus.Register
-        values = self._moteus.parse_registers(bytes(message.data)).response
-        mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
-        if mode in (modes.FAULT, modes.TIMEOUT):
-            raise ArmError(
-                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, "
-                "or was stopped by its watchdog.",
-                where=self.facts.name,
-                hint="Faults are listed in moteus' reference; they end with a stop command.",
-            )
-        asked = register.POSITION, register.VELOCITY, register.TORQUE
-        self._raw[:, k] = [values[each] for each in asked]
 
     def read(self) -> Measurement:
         """Ask all motors and return what they say; one that misses a cycle keeps its last values.

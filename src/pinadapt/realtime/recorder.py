@@ -34,7 +34,7 @@ import numpy as np
 from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
-from ..exceptions import InputError, LogError, PinadaptError
+from ..exceptions import InputError, LogError
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from ..robot.changes import Payload
 from .processes import MAIN, end_process, start_process
@@ -525,12 +525,10 @@ class CycleLog:
             controller: the one that was run, or another one for the same arm.
 
         Raises:
-            LogError: the log belongs to another arm.
-            PinadaptError: the controller refuses a sample.
+            LogError: the log does not contain the start of the loop.
+            PinadaptError: the controller refuses a sample, as of another arm, or the estimates that
+                the loop started from.
         """
-        kinematics, n = controller.kinematics, self.cycles.v.shape[1]
-        if (n, self.cycles.q.shape[1]) != (kinematics.nv, kinematics.nq):
-            raise LogError(f"has {n} joints; the controller is for {kinematics.nv}.", where="log")
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
@@ -548,10 +546,7 @@ class CycleLog:
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
-                try:
-                    state = controller.init(m, **start)
-                except PinadaptError:  # other unknowns: from its own estimates
-                    state = controller.init(m)
+                state = controller.init(m, **start)
             state = state.adapt(bool(row["adapting"]))
             state = state.gave(None if np.isnan(given).any() else given)
             torque, state = controller.step(state, m, desired, float(begun["period"]))

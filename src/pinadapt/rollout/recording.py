@@ -230,6 +230,11 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
 
+# Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
+# that is taken as its extent: half or twice of them, and half or twice as large errors follow.
+ACCURATE, ROUGH, TURN = 0.02, 0.2, 0.2
+FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
+
 
 class Transient(NamedTuple):
     """The error norm, ``Recording.distance``, from one mark of a run to the next.
@@ -350,6 +355,27 @@ class Recording:
     def window(self, first: bool) -> np.ndarray:
         """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""
         return window(self.distance, first)
+
+    @property
+    def error_share(self) -> float | None:
+        """Largest error of the last 10 % relative to the path's extent; None for a point."""
+        error = extreme(np.max, self.window(False))
+        return error / self.extent if error is not None and self.extent else None
+
+    @property
+    def grade(self) -> str:
+        """The verdict in a few words: of the position, or the orientation if that is worse."""
+        if self.diverged is not None:
+            return f"diverged at {self.diverged:.3f} s"
+        if self.interrupted is not None:
+            return f"interrupted at {self.interrupted:.3f} s"
+        errors = self.distance / (self.extent or CLOSE / ACCURATE)
+        if self.angle is not None:
+            errors = np.maximum(errors, self.angle / TURN)
+        worst = extreme(np.max, window(errors, False))
+        if worst is None:
+            return "no finite error"
+        return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
     @property
     def transients(self) -> list[Transient]:

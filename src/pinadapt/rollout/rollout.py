@@ -49,16 +49,6 @@ class Rollout(Recording):
     """
 
     @property
-    def error_share(self) -> float | None:
-        """Largest error of the last 10 % relative to the path's extent; None for a point."""
-        return summary.error_share(self)
-
-    @property
-    def grade(self) -> str:
-        """The verdict in a few words: follows, or not, or when it diverged."""
-        return summary.grade(self)
-
-    @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, ringing."""
         return str(self.numbers["verdict"])

@@ -20,7 +20,16 @@ from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
-from .recording import CLOSE, Recording, Ringing, Shortfall, Slowdown, extreme, window
+from .recording import (
+    CLOSE,
+    FOLLOWS,
+    Recording,
+    Ringing,
+    Shortfall,
+    Slowdown,
+    extreme,
+    window,
+)
 
 Run = TypeVar("Run", bound=Recording)
 
@@ -49,7 +58,7 @@ def summary(run: Recording) -> Numbers:
         prediction = {**asdict(found), **shares}
     numbers = {
         "verdict": "",  # follows from the others
-        "error_share": error_share(run),
+        "error_share": run.error_share,
         **{name: getattr(run, name) for name in _NAMED},
         "task": run.task.name,
         "nv": run.v.shape[1],
@@ -221,36 +230,9 @@ def _task(numbers: Numbers, coordinates: int) -> Task:
     return JointTask(name, *map(tuple, parts))
 
 
-# The outcome in one line: accuracy, limits exceeded
-
-# Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
-# that is taken as its extent: half or twice of them, and half or twice as large errors follow.
-ACCURATE, ROUGH, TURN = 0.02, 0.2, 0.2
 # Error relative to that without adaptation, above which it hardly helps; half or twice: fewer or
 # more robots of the zoo do.
 BETTER = 0.2
-FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
-
-
-def error_share(run: Recording) -> float | None:
-    """Return the largest error of the last 10 % relative to the path's extent; None for a point."""
-    error = extreme(np.max, window(run.distance, False))
-    return error / run.extent if error is not None and run.extent else None
-
-
-def grade(run: Recording) -> str:
-    """Return the verdict in a few words: of the position, or the orientation if that is worse."""
-    if run.diverged is not None:
-        return f"diverged at {run.diverged:.3f} s"
-    if run.interrupted is not None:
-        return f"interrupted at {run.interrupted:.3f} s"
-    errors = run.distance / (run.extent or CLOSE / ACCURATE)
-    if run.angle is not None:
-        errors = np.maximum(errors, run.angle / TURN)
-    worst = extreme(np.max, window(errors, False))
-    if worst is None:
-        return "no finite error"
-    return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
 def _verdict(run: Recording, numbers: Numbers) -> str:
@@ -266,11 +248,11 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     if found is not None and run.diverged is None:
         shares = percent(found["share_last"]), percent(found["share_first"])
         parts.append("torques predicted to {}, at first {}".format(*shares))
-    if numbers["saturated"] and grade(run) != FOLLOWS:
+    if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:
         parts.append(ringing_words(run.ringing, run.law))
-    return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
+    return f"{run.grade}: {'; '.join(part for part in parts if part)}."
 
 
 def _longest(episodes: Sequence[Slowdown | Shortfall]) -> str:

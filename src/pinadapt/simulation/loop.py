@@ -173,7 +173,7 @@ def run(
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
-        except PinadaptError as error:
+        except (PinadaptError, np.linalg.LinAlgError) as error:
             _bring_to_rest(plant, controller, state, measurement, dt)
             raise ended(error, truth.t) from error
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
