@@ -20,7 +20,6 @@ from .style import (
     literal,
     matplotlib,
     panels,
-    shade,
 )
 
 
@@ -95,13 +94,12 @@ def torque_figure(run: Drawable) -> Picture:
     """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
     The limits are those of the description. The disturbance is drawn where the law observes it. The
-    eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its limit.
+    eigenvalue is the smallest of the estimated mass matrix.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
     figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
-    shade(axes[0], run.t, run.saturated, "C3", "at its limit")
     if limited.size:
         share = 100.0 * run.tau[:, limited] / bounds
         words = [f"{names[i]}: {bound:g}" for i, bound in zip(limited, bounds, strict=True)]
@@ -155,21 +153,18 @@ def prediction_figure(
 def overlay_figure(runs: Sequence[Drawable]) -> Picture:
     """Return one figure with the error norms of several runs of one task, named by their laws.
 
-    A panel for each group of rows. A run that diverged ends with a cross; it does not stretch the
-    axis.
+    A panel for each group of rows. A run that diverged does not stretch the axis.
     """
     groups = runs[0].task.groups
     with matplotlib.rc_context(RC):
         figure, axes = panels(len(groups))
         for ax, group in zip(axes, groups, strict=True):
-            ended = []
+            ended = [np.zeros(0)]
             for run in runs:
                 norm = _norm(ax, run, group, literal(f"{run.law}, {run.adaptation}"))
                 if run.diverged is None:
                     ended.append(norm)
-                else:
-                    ax.plot(run.t[-1:], norm[-1:], color=ax.lines[-1].get_color(), marker="x")
-            kept = np.concatenate([*ended, np.zeros(0)])
+            kept = np.concatenate(ended)
             if kept.size:
                 ax.set_ylim(0.5 * np.quantile(kept, 0.01), 2.0 * kept.max())
             ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")

@@ -101,14 +101,6 @@ def legend(ax: Any, title: str = "") -> None:
         ax.legend(title=title or None, loc="upper left", bbox_to_anchor=(1.0, 1.0), **small)
 
 
-def shade(ax: Any, t: np.ndarray, where: np.ndarray, colour: str, label: str) -> None:
-    """Shade the times t (N) at which ``where`` (N) is true."""
-    if where.any():
-        place: Any = {"where": where, "transform": ax.get_xaxis_transform()}
-        ax.fill_between(t, 0.0, 1.0, color=colour, alpha=0.2, lw=0.0, label=label, **place)
-        legend(ax)
-
-
 def finish(figure: Any, axes: Any, run: Drawable) -> None:
     """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
@@ -118,8 +110,4 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
             above = {"transform": axes[0].get_xaxis_transform(), "ha": "center", "va": "bottom"}
             axes[0].text(at, 1.02, literal(what), fontsize="x-small", **above)
-    end = ""
-    for words, at in (("diverged", run.diverged), ("interrupted", run.interrupted)):
-        if at is not None:
-            end = f" - {words} at {at:.3f} s"
-    figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation}){end}"))
+    figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation})"))

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -145,12 +144,7 @@ class Arm(ABC):
         """Return the arm."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Stop the arm and close it."""
         self.stop("the program has ended" if error is None else f"{type(error).__name__}: {error}")
         self.close()
@@ -243,7 +237,6 @@ class ProcessArm(Arm):
         *,
         sensors: Sensors | None = None,
         scheduling: Scheduling = ORDINARY,
-        timeout: float = 1.0,
     ) -> None:
         """Start the process.
 
@@ -253,14 +246,13 @@ class ProcessArm(Arm):
             period: of the plant's cycle [s].
             sensors: through which it is seen; None for perfect ones.
             scheduling: of the process, as far as the system allows it.
-            timeout: for the next measurement [s].
 
         Raises:
             ArmError: the process does not start.
         """
         options = {"period": period, "sensors": sensors}
         self._process, self._link, facts = start_process(_serve, make, options, scheduling)
-        self.pid, self._timeout = self._process.pid, timeout
+        self.pid = self._process.pid
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -276,8 +268,8 @@ class ProcessArm(Arm):
         """
         name = self.facts.name
         try:
-            if not self._link.poll(self._timeout):
-                raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
+            if not self._link.poll(1.0):
+                raise ArmError("no measurement came for 1 s.", where=name)
             newest: Measurement = self._link.recv()
             while self._link.poll():
                 newest = self._link.recv()

@@ -23,7 +23,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -568,7 +567,7 @@ class RealtimeLoop:
     def _catch_signals(self, back: ExitStack) -> None:
         """Count signals that would end the program, until all is given ``back``."""
 
-        def count(number: int, frame: FrameType | None) -> None:
+        def count(*_: object) -> None:
             """Count a signal; end at once before the first cycle, and at the fourth."""
             self._signals += 1
             if self._phase is Phase.STARTING or self._signals > 3:

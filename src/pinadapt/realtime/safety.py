@@ -144,8 +144,7 @@ class Checklist:
         self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        if model.nq != n:  # cosines and sines
-            lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+        self._places = [joint.idx_q for joint in model.joints[1:]]
         self._lower, self._upper = lower + safety.margin, upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
@@ -186,7 +185,7 @@ class Checklist:
         if late:
             self._late = 0.0
         way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
-        q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
+        q = m.q[self._places]  # or a cosine, without limits
         room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
         missing = np.where(speed > STILL, way - room, 0.0)
         if self.latched:

@@ -107,18 +107,15 @@ class Rollout(Recording):
 
         return Figures.of(self) if folder is None else draw_all(self, Path(folder))
 
-    def animate(self, *, frames_per_second: float = 30.0) -> Animation:
+    def animate(self) -> Animation:
         """Return the run as an animated page, which shows itself in Jupyter.
 
-        Args:
-            frames_per_second: of the animation, at most one per sample.
-
         Raises:
-            InputError: frames_per_second is not positive, or the rollout was loaded.
+            InputError: the rollout was loaded.
         """
         from ..view.page import animation_of
 
-        return animation_of(self, frames_per_second=frames_per_second)
+        return animation_of(self)
 
     def learned(self, *, all_estimates: bool = False) -> Robot:
         """Return the model with the last estimates as a robot; see ``Controller.learned``.

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..controller.controller import Controller
-from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import Window
 from .page import page
-from .scene import Scene
+from .scene import RATE, Scene
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -37,7 +36,6 @@ def open_in_browser(address: str) -> bool:
 # [s] for a browser to come, or to read the last messages; half: a slow one misses start and end,
 # twice: a hung one delays the program
 _PATIENCE = 5.0
-_RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
 class Server(ThreadingHTTPServer):
@@ -151,7 +149,6 @@ class LiveView:
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
-        self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
         t, q = np.linspace(0.0, duration, 600), true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
@@ -165,22 +162,16 @@ class LiveView:
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
-        try:
-            for sample in samples:
-                self._last = sample
-                if sample.t >= self._next:
-                    now = perf_counter()
-                    if self._started is None:
-                        self._started = now - sample.t
-                    sleep(max(0.0, self._started + sample.t - now))
-                    self._next = sample.t + 1.0 / _RATE
-                    self._draw(sample)
-                yield sample
-        except (Exception, KeyboardInterrupt) as error:
-            self._end = "the run has stopped"
-            if isinstance(error, DivergedError):
-                self._end = f"diverged at {error.time:.2f} s"
-            raise
+        for sample in samples:
+            self._last = sample
+            if sample.t >= self._next:
+                now = perf_counter()
+                if self._started is None:
+                    self._started = now - sample.t
+                sleep(max(0.0, self._started + sample.t - now))
+                self._next = sample.t + 1.0 / RATE
+                self._draw(sample)
+            yield sample
 
     def _draw(self, sample: Sample) -> None:
         if not (np.isfinite(sample.truth.q).all() and np.isfinite(sample.state.a_k).all()):
@@ -194,7 +185,7 @@ class LiveView:
         """Show the last sample and stop the server; open pages stay as they are."""
         if self._last is not None:
             self._draw(self._last)
-        self._scene.window.note("end", end=self._end)
+        self._scene.window.note("end", end="the run has ended")
         self._server.close()
 
     def __enter__(self) -> LiveView:

@@ -32,6 +32,8 @@ from .drawing import (
     tube,
 )
 
+RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
+
 
 class ChainMotion(NamedTuple):
     """Where a chain of n joints with k task frames is at F moments.
@@ -144,6 +146,7 @@ class DrawnRobot:
         node: the robot's root in the scene.
         robot: the robot.
         size: length of the scene that thicknesses are multiplied by [m].
+        loads: number of a robot in the succession, and the node of its loads at a joint.
     """
 
     def __init__(self, node: Node, robot: Robot, size: float, tip: Material) -> None:
@@ -159,6 +162,7 @@ class DrawnRobot:
         ends = [robot.model.frames[frame_id(robot.model, name)] for name in robot.frames]
         self.carriers = [int(end.parentJoint) for end in ends]
         self._rods: list[tuple[Node, int, int]] = []
+        self.loads: list[tuple[int, Node]] = []
         self._tips = [node[_numbered("tip", k)] for k in range(len(ends))]
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
@@ -185,16 +189,14 @@ class DrawnRobot:
                 self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
-    def loads(self, number: int) -> dict[int, Node]:
-        """Return the nodes of the loads of the robot of this number in the succession, by joint."""
-        return {joint: self.node[f"joint {joint}"][f"load {number}"] for joint in self.carriers}
-
     def add_loads(self, number: int, robot: Robot) -> None:
-        """Draw each load of a robot as a ball of steel of the same mass."""
+        """Draw each load of the robot of this number in the succession as a ball of steel."""
         for k, (joint, load) in enumerate(robot.loads):
-            ball, volume = self.loads(number)[joint][f"{k}"], load.mass / 7850.0  # [m^3]
-            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, Colour.LOAD))
-            ball.set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            node = self.node[f"joint {joint}"][f"load {number}"]
+            radius = float(np.cbrt(0.75 / np.pi * load.mass / 7850.0))  # of steel [kg/m^3]
+            node[f"{k}"].set_object(Sphere(radius), ghost(0.6, Colour.LOAD))
+            node[f"{k}"].set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            self.loads.append((number, node))
 
 
 def _numbered(name: str, k: int) -> str:
@@ -297,11 +299,9 @@ class Scene:
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
         still = np.zeros((len(t), 3))
-        for number in range(len(robots)):
-            carrying = self.robots.index(t)[:, None] == number
-            scale = np.where(carrying, still + 1.0, HIDDEN)
-            for node in self._solid.loads(number).values():
-                poses.move(node, still, None, scale)
+        for number, node in self._solid.loads:
+            carried = self.robots.index(t)[:, None] == number
+            poses.move(node, still, None, np.where(carried, still + 1.0, HIDDEN))
         for sample in samples:
             moment, values = round(sample.t, 4), self._reading(sample)
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
