@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, joint_numbers, positive, vector, word
+from .._checks import instance, joint_numbers, positive, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
 from ..plants.plant import Plant
@@ -207,12 +207,8 @@ class PlantArm(Arm):
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
     def send(self, torque: np.ndarray) -> None:
-        """Hold a torque (n) [N m or N] from now on.
-
-        Raises:
-            InputError: not n finite numbers.
-        """
-        self._sent = vector(torque, len(self.facts.joints), "torque", fills=False)
+        """Hold a torque (n) [N m or N] from now on."""
+        self._sent = np.array(torque, dtype=float)
         self._given = self.plant.motors(self._sent.copy())
 
     def stop(self, reason: str) -> None:

@@ -226,7 +226,14 @@ class RealtimeLoop:
         """
         collecting, result = gc.isenabled(), self.result
         with ExitStack() as back, threadpool_limits(1, "blas"):
-            self._claim_arm(back)
+            lock = vars(self._arm).setdefault("_driven", threading.Lock())
+            if not lock.acquire(blocking=False):
+                raise ArmError(
+                    "is driven by another loop.",
+                    where=self._facts.name,
+                    hint="Let that end first, and use one loop for one arm.",
+                )
+            back.callback(lock.release)
             self._catch_signals(back)
             for note in back.enter_context(self._scheduling.applied()):
                 self._note(note)
@@ -247,21 +254,6 @@ class RealtimeLoop:
                 if self._recorder is not None and self._recorder.trouble:
                     result.notes.append(self._recorder.trouble)
         return result
-
-    def _claim_arm(self, back: ExitStack) -> None:
-        """Keep other loops from driving the arm, until all is given ``back``.
-
-        Raises:
-            ArmError: one does.
-        """
-        lock = vars(self._arm).setdefault("_driven", threading.Lock())
-        if not lock.acquire(blocking=False):
-            raise ArmError(
-                "is driven by another loop.",
-                where=self._facts.name,
-                hint="Let that end first, and use one loop for one arm.",
-            )
-        back.callback(lock.release)
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""

@@ -157,7 +157,7 @@ def simulate(
     if named and not controller.kinematics.calibrated:
         found = wiggled(plant, controller, dt, simulated)
         start = {**found, **given, "a_k": found["a_k"]}
-    state = prepare(plant, controller, trajectory, start, duration)
+    state = prepare(plant, controller, start)
     believed = controller.kinematics.seen(state.a_k)
     if not believed.constraints:
         trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
