@@ -278,15 +278,9 @@ class ProcessArm(Arm):
         return newest
 
     def send(self, torque: np.ndarray) -> None:
-        """Send a torque (n) [N m or N].
-
-        Raises:
-            ArmError: the process has ended.
-        """
-        try:
+        """Send a torque (n) [N m or N]."""
+        with suppress(OSError):  # the process has ended, which ``read`` notices
             self._link.send(np.asarray(torque, dtype=float))
-        except OSError as error:
-            raise ArmError(f"the torque cannot be sent: {error}.", where=self.facts.name) from error
 
     def stop(self, reason: str) -> None:
         """Tell the process to stop its plant."""

@@ -637,9 +637,8 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
             hint="make_controller(..., dt=...), in a scenario controller.dt.",
         )
     if (facts.compensation is None) is not (controller.compensation is None):
-        adds = "adds" if facts.compensation is not None else "does not add"
         raise InputError(
-            f"the arm {adds} its gravity torque by itself, and the controller does not know.",
+            "only one of arm and controller knows that the arm adds its gravity torque by itself.",
             where=facts.name,
             hint='make_controller(..., compensated="nominal") for an arm that adds it, in a '
             "scenario controller.compensated; without it for one that does not.",

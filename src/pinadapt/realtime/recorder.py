@@ -275,7 +275,7 @@ class _LogProcess:
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited: list[Any] = [self._link, *([] if self._server is None else [self._server])]
+        waited: list[Any] = [self._link, self._server] if self._server else [self._link]
         said: dict[str, Any] | None = {}
         while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]

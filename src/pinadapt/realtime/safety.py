@@ -181,9 +181,6 @@ class Checklist:
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
         self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
-        late = self._late >= safety.late
-        if late:
-            self._late = 0.0
         way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
         q = m.q[self._places]  # or a cosine, without limits
         room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
@@ -194,10 +191,10 @@ class Checklist:
             ("stale data", Phase.DAMPING, self._same + 1, safety.stale, _STALE),
             ("clock", Phase.DAMPING, -dt, 0.0, "the time jumped back by {value:.3g} s"),
             ("late", Phase.DAMPING, periods, 10.0, _GAP),
-            ("late", Phase.HOLDING, late, False, _LATE),
-            ("commands", Phase.HOLDING, 1.0 - received, _LOST, _DROPPED),
             ("velocity", Phase.DAMPING, speed, self._fast, _FAST),
             ("joint stop", Phase.DAMPING, missing, 0.0, _STOP),
+            ("late", Phase.HOLDING, self._late >= safety.late, False, _LATE),
+            ("commands", Phase.HOLDING, 1.0 - received, _LOST, _DROPPED),
         )
 
     def of_motion(
