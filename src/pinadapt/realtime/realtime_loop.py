@@ -200,7 +200,7 @@ class RealtimeLoop:
         self._blind = 0.0  # [s] by this computer's clock, without q and v
         self._sent = np.zeros(kinematics.nv)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
-        self._state: ControllerState | None = None
+        self._state: ControllerState  # from the first cycle on
         self._path: Trajectory = Hold()
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
@@ -249,7 +249,7 @@ class RealtimeLoop:
                 if collecting:
                     gc.enable()
                 self._arm.stop(result.reason or "the loop has ended")
-                result.state = self._state
+                result.state = vars(self).get("_state")
                 result.notes += self._ringing()
                 if self._recorder is not None and self._recorder.trouble:
                     result.notes.append(self._recorder.trouble)
@@ -376,7 +376,8 @@ class RealtimeLoop:
                 recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
-            if duration is not None and m.t - self._begin >= duration and not self._leaving:
+            over = duration is not None and m.t - self._begin >= duration
+            if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
             due += period
             if not self._facts.paced:
@@ -398,18 +399,16 @@ class RealtimeLoop:
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         recorder, state = self._recorder, self._state
-        assert state is not None
         self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-        finding = self._checks.of_arm(m, dt, host, self._arm.received)
-        if self._flaw:
-            finding = SafetyFinding("driver", self._flaw, Phase.DAMPING)
-        if finding is None and recorder is not None and recorder.trouble and not self._leaving:
-            finding = SafetyFinding("log", recorder.trouble, Phase.HOLDING)
         if self._signals:  # the first one holds, the second one damps, the third one stops
             phase = Phase(min(Phase.RUNNING + self._signals, Phase.STOPPED))
-            finding = SafetyFinding("interrupt", "Ctrl-C or a signal", phase)
-        self._respond(finding)
+            self._respond(SafetyFinding("interrupt", "Ctrl-C or a signal", phase))
+        if self._flaw:
+            self._respond(SafetyFinding("driver", self._flaw, Phase.DAMPING))
+        self._respond(self._checks.of_arm(m, dt, host, self._arm.received))
+        if recorder is not None and recorder.trouble:
+            self._respond(SafetyFinding("log", recorder.trouble, Phase.HOLDING))
         torque: np.ndarray | None = None
         if self._phase is Phase.RUNNING and self.stage is Stage.GRAVITY:
             torque = self._safe(m, _FREE, hold=False)
@@ -434,7 +433,6 @@ class RealtimeLoop:
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
         state, controller, given = self._state, self._controller, self._given
-        assert state is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             given, m = m.tau, m._replace(tau=None)
             self._tick |= {"given": given, "tau": None}
@@ -476,7 +474,6 @@ class RealtimeLoop:
 
     def _safe(self, m: Measurement, damping: float, **options: Any) -> np.ndarray:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
-        assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, **options)
         unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
@@ -487,7 +484,6 @@ class RealtimeLoop:
 
     def _advance(self) -> None:
         """Go on from holding to damping after a while, and from there once the joints rest."""
-        assert self._state is not None
         self._since += self._period
         if self._phase is Phase.HOLDING and self._since > _SETTLED and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
@@ -498,11 +494,6 @@ class RealtimeLoop:
                 self._enter(Phase.STOPPED, self.result.reason)
 
     # --- findings, commands, signals ------------------------------------------------------------
-
-    @property
-    def _leaving(self) -> bool:
-        """Whether the loop is on its way out."""
-        return self._phase >= Phase.DAMPING or (self._phase is Phase.HOLDING and not self._halted)
 
     def _respond(self, finding: SafetyFinding | None) -> None:
         """Enter the phase of a finding, unless it or a later one has been entered already."""
@@ -535,7 +526,7 @@ class RealtimeLoop:
     @property
     def _now(self) -> float:
         """The time of the path, less what the governor has it wait [s]."""
-        path = None if self._state is None else self._state.path
+        path = self._state.path
         return self._t - self._begin - (0.0 if path is None else path.lag)
 
     def _note(self, words: str) -> None:
@@ -587,7 +578,7 @@ class RealtimeLoop:
             self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
         elif name == "stop" and self._phase is not Phase.STARTING:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
-        elif name == "load" and self._state is not None:
+        elif name == "load" and self._phase is not Phase.STARTING:
             self._state = self._controller.announce(self._state, payload=load_of(value))
             self._checks.announced()
             self._event(load=value)
@@ -597,7 +588,7 @@ class RealtimeLoop:
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
-            stands = getattr(self._state, "stands", None)
+            stands = self._state.stands
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             self._begin = self._t
