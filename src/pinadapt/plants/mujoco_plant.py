@@ -100,13 +100,11 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def _take(self, robot: Robot) -> None:
-        """Write the parameters of a robot into the model, unless it comes from a file."""
-        self.robot = robot
-        data = robot.model.createData()
-        self._motion = partial(robot.task.motion, robot.model, data, robot.frame_id)
+        """Write its parameters into the model too, unless that comes from a file."""
+        super()._take(robot)
         if self.described:
             write_robot(self.model, robot)
-            M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+            M = pin.crba(self._model, self._data, robot.q0)
             decays = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
             self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
         else:

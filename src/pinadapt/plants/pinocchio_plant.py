@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -113,10 +112,8 @@ class PinocchioPlant(SimulatedPlant):
         self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
 
     def _take(self, robot: Robot) -> None:
-        """Copy the model of a robot."""
-        self.robot, self._model = robot, robot.model.copy()
-        self._data = self._model.createData()
-        self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
+        """Take its equation of motion too."""
+        super()._take(robot)
         self._integrate = FittedMidpoint(robot)
 
     def measure(self) -> Measurement:

@@ -192,8 +192,7 @@ class Recorder:
             return
         row = self._ring[self._count % len(self._ring)]
         for name in row.dtype.names or ():
-            value = cycle.get(name)
-            row[name] = math.nan if value is None else value
+            row[name] = cycle.get(name)  # None is NaN there
         self._count += 1
         self._counts[0] = self._count
 
