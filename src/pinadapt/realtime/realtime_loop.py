@@ -220,7 +220,7 @@ class RealtimeLoop:
         The arm is stopped whatever happens.
 
         Raises:
-            InputError: the arm is where the controller cannot start.
+            InputError, MeasurementError: the arm is where the controller cannot start.
             ArmError: the arm refuses to begin, its first measurements cannot be used, or another
                 loop drives it.
         """
@@ -293,19 +293,15 @@ class RealtimeLoop:
         """Run the controller from a state, beside the arm's place, and forget what came of it.
 
         Raises:
-            ArmError: the controller refuses the measurement.
+            PinadaptError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
         task = controller.kinematics.task
         aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
-            try:
-                desired = controller.desired(state, aside, k * period)
-                torque, state = controller.step(state.adapt(True), m, desired, period)
-            except PinadaptError as error:
-                words = " ".join(str(error).split())
-                raise ArmError(f"cannot start: {words}", where=self._facts.name) from error
+            desired = controller.desired(state, aside, k * period)
+            torque, state = controller.step(state.adapt(True), m, desired, period)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
                 m = m._replace(tau=self._of_motors(torque, m))
         controller.safe(state, m)

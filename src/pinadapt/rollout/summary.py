@@ -137,9 +137,6 @@ def sheet(run: Recording, numbers: Numbers) -> Report:
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
-    bridged = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
-    if bridged:
-        rows.append(("samples bridged by prediction", ", ".join(bridged)))
     return Report(run.title, [Table(rows)])
 
 
