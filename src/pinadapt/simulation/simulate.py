@@ -165,6 +165,7 @@ def simulate(
     events.check(controller, state)
     options: dict[str, Any] = {
         "dt": dt,
+        "duration": duration,
         "state": state,
         "events": events if events.changes or events.announcements else None,
         "ideal_acceleration": engine.ideal_acceleration,
