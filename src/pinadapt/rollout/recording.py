@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -116,10 +116,7 @@ class Slowdown(NamedTuple):
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
     paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-    return tuple(
-        Slowdown(start, end, cause, min(path.rate for path in own))
-        for start, end, cause, own in _episodes(paths, lambda path: path.rate < 0.99)
-    )
+    return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
 
 
 class Shortfall(NamedTuple):
@@ -140,21 +137,26 @@ class Shortfall(NamedTuple):
 def shortfalls(samples: Sequence[Sample]) -> tuple[Shortfall, ...]:
     """Return the intervals in which the torque was infeasible, in order."""
     missed = [(sample.state.t, sample.state.missed) for sample in samples]
-    return tuple(
-        Shortfall(start, end, cause, max(each.size for each in own))
-        for start, end, cause, own in _episodes(missed, lambda each: each.size > 0.0)
-    )
+    return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
 
 
 def _episodes(
-    timed: Sequence[tuple[float, Any]], acts: Callable[[Any], bool]
-) -> Iterator[tuple[float, float, str, tuple[Any, ...]]]:
-    """Yield first and last time, most frequent cause and records of each run of those that act."""
-    for acting, own in groupby(timed, key=lambda each: acts(each[1])):
-        if acting:
-            times, part = zip(*own, strict=True)
-            ((cause, _),) = Counter(each.cause for each in part).most_common(1)
-            yield times[0], times[-1], cause, part
+    kind: Any, extreme: Callable[[Any], float], listed: Sequence[tuple[float, bool, str, float]]
+) -> tuple[Any, ...]:
+    """Return records of a kind: start, end, most frequent cause, and extreme number of each run.
+
+    Args:
+        kind: of record.
+        extreme: of some numbers.
+        listed: time [s], whether something acts, its cause and a number, of each sample.
+    """
+    found = []
+    for acts, own in groupby(listed, key=lambda each: each[1]):
+        t, _, causes, numbers = zip(*own, strict=True)
+        if acts:
+            ((cause, _),) = Counter(causes).most_common(1)
+            found.append(kind(t[0], t[-1], cause, extreme(numbers)))
+    return tuple(found)
 
 
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
