@@ -112,14 +112,9 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def _read(self) -> None:
-        """Read q and v, and update what depends on them."""
-        mj, model, data = mujoco_module(), self.model, self.data
-        angles, self._v = data.qpos[self._qpos], data.qvel[self._dofs]
-        chain = self.robot.model
-        self._q = angles if chain.nq == chain.nv else configuration_from_angles(chain, angles)
-        mj.mj_kinematics(model, data)
-        mj.mj_comPos(model, data)
-        mj.mj_comVel(model, data)
+        """Read q and v."""
+        self._q = configuration_from_angles(self._model, self.data.qpos[self._qpos])
+        self._v = self.data.qvel[self._dofs]
 
 
 # The MuJoCo model
@@ -157,9 +152,11 @@ class MujocoChain(NamedTuple):
         return base.actInv(frame)
 
     def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and the task velocity (m) in the axes of the base."""
+        """Return x and the task velocity (m) in the axes of the base, after updating the data."""
         assert isinstance(task, FrameTask)
         mj, twist = mujoco_module(), np.empty(6)
+        for update in (mj.mj_kinematics, mj.mj_comPos, mj.mj_comVel):
+            update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
         turn = data.xmat[self.base].reshape(3, 3).T
         return task.moving(self.placement(data), pin.Motion(turn @ twist[3:], turn @ twist[:3]))
