@@ -91,7 +91,9 @@ class Rollout(Recording):
         Raises:
             InputError: the files are missing, broken, or of another version of pinadapt.
         """
-        return summary.load(Path(folder), cls)
+        run = object.__new__(cls)
+        vars(run).update(summary.load(Path(folder)))
+        return run
 
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw error, parameters and torque.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from .recording import (
     extreme,
     window,
 )
-
-Run = TypeVar("Run", bound=Recording)
 
 Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 
@@ -184,12 +182,11 @@ def save(run: Recording, numbers: Callable[[], Numbers], folder: Path) -> None:
     write_json(folder / "summary.json", numbers())
 
 
-def load(folder: Path, kind: type[Run]) -> Run:
-    """Return the run that ``save`` wrote into a folder, with its numbers and without its robots.
+def load(folder: Path) -> dict[str, Any]:
+    """Return the fields of a run that ``save`` wrote into a folder; it has no robots.
 
     Args:
         folder: that has ``rollout.npz`` and ``summary.json``; or one of the two.
-        kind: the class of the run.
 
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
@@ -197,21 +194,20 @@ def load(folder: Path, kind: type[Run]) -> Run:
     folder = folder.parent if folder.is_file() else folder
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
-        fields = {**{name: numbers[name] for name in _NAMED}, **kept}
+        ringing = numbers["ringing"]
+        fields = {name: numbers[name] for name in _NAMED} | numbers["recorded"]
         lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
-        vars(run).update(
+        return {
             **fields | lists,
             **{name: file.get(name) for name in RECORDED + COMPUTED},
-            numbers=numbers,
-            ringing=None if ringing is None else Ringing(**ringing),
-            bridged=Bridged(**numbers["bridged"]),
-            slowed=tuple(Slowdown(**row) for row in numbers["slowed"]),
-            infeasible=tuple(Shortfall(**row) for row in numbers["infeasible"]),
-            evaluation=None,
-            task=_task(numbers, file["x"].shape[1]),
-        )
-        return run
+            "numbers": numbers,
+            "ringing": ringing and Ringing(**ringing),
+            "bridged": Bridged(**numbers["bridged"]),
+            "slowed": tuple(Slowdown(**row) for row in numbers["slowed"]),
+            "infeasible": tuple(Shortfall(**row) for row in numbers["infeasible"]),
+            "evaluation": None,
+            "task": _task(numbers, file["x"].shape[1]),
+        }
 
 
 def _task(numbers: Numbers, coordinates: int) -> Task:

@@ -41,7 +41,14 @@ def prepare(
     Raises:
         InputError: it does not, or the initial estimates cannot be used.
     """
-    _check_same_shape(plant.robot, controller)
+    true, own = plant.robot, controller.kinematics
+    ours = true.joint_names, true.frames, true.task.name
+    theirs = own.joint_names, own.robot.frames, own.task.name
+    if ours != theirs:
+        raise InputError(
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
     given: Any = mapping(start, "start")
@@ -109,14 +116,3 @@ def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
         return True
     last = motion.at(60.0 if duration is None else duration)
     return max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6
-
-
-def _check_same_shape(true: Robot, controller: Controller) -> None:
-    kinematics = controller.kinematics
-    ours = (true.joint_names, true.frames, true.task.name)
-    theirs = (kinematics.joint_names, kinematics.robot.frames, kinematics.task.name)
-    if ours != theirs:
-        raise InputError(
-            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
-            hint="Make both from the same load(), the true one by .changed().",
-        )
