@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 RC: Any = {"axes.grid": True, "grid.linestyle": ":", "text.usetex": False}
@@ -22,15 +21,11 @@ class Picture(Figure):
     """A figure outside of pyplot: shown only on request, and freed with its last reference."""
 
     def png(self, dpi: int = 100) -> bytes:
-        """Return the picture as a PNG file.
-
-        The canvas draws it once; ``savefig`` would draw it twice, first to find its layout.
-        """
-        canvas, buffer = FigureCanvasAgg(self), BytesIO()
+        """Return the picture as a PNG file."""
+        buffer = BytesIO()
         with matplotlib.rc_context({"text.usetex": False}), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph")  # not in the font: a box
-            self.dpi = dpi
-            canvas.print_png(buffer)
+            self.savefig(buffer, format="png", dpi=dpi)
         return buffer.getvalue()
 
     def _repr_png_(self) -> bytes:

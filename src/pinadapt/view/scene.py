@@ -340,10 +340,9 @@ class Scene:
 
     def _surroundings(self, floor: float) -> None:
         """Draw a floor at this height [m], and the background."""
-        spacing = 10.0 ** np.floor(np.log10(0.5 * self.size))
-        grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # of lines that are 0.5 m apart
-        grid[2, 3] = floor
-        self.root["/Grid"].set_transform(grid)
+        self.root["/Grid"].set_transform(
+            pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
+        )
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
