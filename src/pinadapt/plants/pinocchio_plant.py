@@ -93,8 +93,8 @@ class PinocchioPlant(SimulatedPlant):
 
     Contacts neither lift nor slide, whatever force that takes; MuJoCo's do.
 
-    ``measure``, ``step`` and ``acceleration`` use the state of the plant; methods that take q and v
-    do not depend on it.
+    ``measure`` and ``step`` use the state of the plant; methods that take q and v do not depend on
+    it.
     """
 
     def __init__(self, robot: Robot, **options: Any) -> None:
@@ -126,10 +126,6 @@ class PinocchioPlant(SimulatedPlant):
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
-
-    def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
-        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
-        return self.acceleration_at(self._q, self._v, torque, feedthrough)
 
     def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None

@@ -169,7 +169,8 @@ def run(
             desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 _, command = controller.command(state, measurement, desired)
-                a = simulated.acceleration(command.torque, command.feedthrough)
+                caused = command.torque, command.feedthrough
+                a = simulated.acceleration_at(truth.q, truth.v, *caused)
                 measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
