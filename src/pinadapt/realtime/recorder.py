@@ -60,10 +60,14 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-_DEFINITIONS = {
-    "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
-    f"float64[] velocity\nfloat64[] effort\n{_HEADER}",
-    "std_msgs/msg/String": "string data\n",
+# Topic -> kind and definition of its messages, beside that of the cycles
+_TOPICS = {
+    "/joint_states": (
+        "sensor_msgs/msg/JointState",
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+        f"float64[] effort\n{_HEADER}",
+    ),
+    "/pinadapt/events": ("std_msgs/msg/String", "string data\n"),
 }
 Translator = Callable[[Any, Measurement], Any]
 
@@ -262,15 +266,10 @@ class _LogProcess:
         self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._channels = {}
-        for topic, kind in {
-            "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
-            "/joint_states": "sensor_msgs/msg/JointState",
-            "/pinadapt/events": "std_msgs/msg/String",
-        }.items():
-            text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
+        cycle = "pinadapt_msgs/msg/Cycle", _definition(self._ring.dtype)
+        for topic, (kind, text) in {"/pinadapt/cycle": cycle, **_TOPICS}.items():
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
-            channel = self._writer.register_channel(topic, "cdr", schema, about)
-            self._channels[topic] = channel
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, about)
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
@@ -493,8 +492,6 @@ class CycleLog:
                 ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
-            if "/pinadapt/cycle" not in found:
-                raise LogError("has no cycle of a loop.", where=str(path))
             file.seek(-len(_MAGIC), os.SEEK_END)
             whole = file.read() == _MAGIC
             fields = [
