@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pinadapt.plots.figures import overlay_figure
+from pinadapt.plots.style import GREY
 from tests.support.loops import run
 
 pytestmark = pytest.mark.slow
@@ -37,6 +38,16 @@ def test_a_panel_of_many_parameters_shows_those_that_change_most():
     )
     assert np.allclose(np.sort([np.ptp(line.get_ydata()) for line in shown]), changes[-10:])
     assert "the 10 of 42 that change most" in inertia.get_legend().get_title().get_text()
+
+
+def test_parameters_that_the_motion_does_not_identify_by_themselves_are_grey():
+    rollout, figures = drawn("panda")
+    lines = [line for ax in figures.parameters.axes for line in ax.lines]
+    grey = {line.get_label() for line in lines if line.get_color() == GREY} - {"_child"}
+    named = {name for name in grey if not name.startswith("_")}
+    assert named <= set(rollout.not_identified) and len(named) > 20
+    titles = [ax.get_legend().get_title().get_text() for ax in figures.parameters.axes]
+    assert "grey" not in titles[0] and "grey: not identified" in titles[3]
 
 
 def test_an_overlay_has_a_curve_for_each_law_and_is_not_stretched_by_a_lost_one():

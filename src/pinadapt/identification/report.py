@@ -532,6 +532,7 @@ class Identification(Printed):
             t=self.online.t,
             a_d=self.online.a,
             a_d_true=None,
+            not_identified=(),
             kinematic_names=(),
             dynamic_names=self.estimator.names,
             marks=(),

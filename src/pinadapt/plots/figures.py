@@ -64,7 +64,11 @@ _KINDS = {
 def parameter_figure(run: Drawable) -> Picture:
     """Return the figure of the estimates, with a panel for each kind of parameter.
 
-    Of a kind with many parameters, those that change most are drawn.
+    Those that the motion does not tell from others are grey. Of a kind with many parameters, those
+    that change most are drawn.
+
+    Args:
+        run: the run.
     """
     lumped = any("(" in name for name in run.kinematic_names)  # of a tracker or a camera
     label = "kinematic" if lumped else "kinematic [m]"
@@ -79,8 +83,9 @@ def parameter_figure(run: Drawable) -> Picture:
         drawn.append((kind, run.a_d[:, own], truth, [run.dynamic_names[i] for i in own]))
     figure, axes = panels(max(len(drawn), 1))
     for ax, (label, values, truth, names) in zip(axes, drawn, strict=False):
-        notes = [] if truth is None else ["dashed: truth"]
-        curves(ax, run.t, values, names, label, truth=truth, notes=notes)
+        grey = set(names) & set(run.not_identified)
+        notes = ["dashed: truth"] * (truth is not None) + ["grey: not identified"] * bool(grey)
+        curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
     finish(figure, axes, run)
     return figure
 

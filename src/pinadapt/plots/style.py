@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from io import BytesIO
 from typing import Any, TypeAlias
 
@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 RC: Any = {"axes.grid": True, "grid.linestyle": ":", "text.usetex": False}
+GREY = "0.75"
 
 Drawable: TypeAlias = Any
 """A ``pinadapt.Rollout``, or what has its properties; its class imports this package."""
@@ -57,6 +58,7 @@ def curves(
     label: str,
     *,
     truth: np.ndarray | None = None,
+    grey: Collection[str] = (),
     notes: Sequence[str] = (),
 ) -> None:
     """Draw named curves (N, k) with their legend; of many, the ten that change most.
@@ -68,6 +70,7 @@ def curves(
         names: (k) theirs.
         label: of the vertical axis.
         truth: (k) or (N, k) drawn dashed.
+        grey: names of the curves that are drawn in grey.
         notes: lines above the legend.
     """
     most = len(matplotlib.rcParams["axes.prop_cycle"])  # as many as there are colours
@@ -76,7 +79,8 @@ def curves(
     if len(shown) < len(names):
         notes = [*notes, f"the {most} of {len(names)} that change most"]
     for i in shown.tolist():
-        (line,) = ax.plot(t, values[:, i], ls="-", lw=1.0, label=literal(names[i]))
+        own = {"color": GREY, "zorder": 1.5} if names[i] in grey else {}
+        (line,) = ax.plot(t, values[:, i], ls="-", lw=1.0, label=literal(names[i]), **own)
         if truth is not None:
             true = np.broadcast_to(truth[..., i], t.shape)
             style = {"color": line.get_color(), "drawstyle": "steps-post"}
@@ -95,8 +99,10 @@ def legend(ax: Any, title: str = "") -> None:
 def finish(figure: Any, axes: Any, run: Drawable) -> None:
     """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
-    for at, _ in run.marks:
+    for at, what in run.marks:
         if len(run.t) and at <= run.t[-1]:
             for ax in axes:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
+            above = {"transform": axes[0].get_xaxis_transform(), "ha": "center", "va": "bottom"}
+            axes[0].text(at, 1.02, literal(what), fontsize="x-small", **above)
     figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation})"))

@@ -432,6 +432,15 @@ class Recording:
             torques, truth if truth is None or truth.ndim == 1 else truth[-1]
         )
 
+    @cached_property
+    def not_identified(self) -> tuple[str, ...]:
+        """Names of the dynamic parameters that the motion does not identify by themselves."""
+        torques = self.motion_torques()
+        if torques is None:
+            return ()
+        names = np.array(torques.excited.names)
+        return tuple(names[~torques.excited.alone].tolist())
+
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
 

@@ -44,7 +44,7 @@ _NAMED = (
     *("title", "robot", "law", "adaptation", "diverged", "reason", "interrupted"),
     *("joint_names", "kinematic_names", "dynamic_names"),
 )
-_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted")
+_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 
 
 def summary(run: Recording) -> Numbers:
