@@ -49,6 +49,15 @@ def test_a_camera_looks_at_its_target():
         pinhole_camera(EYE, EYE, 800.0)
 
 
+def test_the_error_at_the_tool_is_that_of_its_picture(scenario, rollout):
+    """To first order the tool is off by the pseudo-inverse of the picture's Jacobian."""
+    last, true, found = rollout.window(False), scenario.true, []
+    for q, x, x_d in zip(rollout.q, rollout.x, rollout.x_d, strict=True):
+        J = true.task.jacobian(true.placement(q), np.eye(6)[:, :3])
+        found.append(np.linalg.norm(np.linalg.pinv(J) @ (x - x_d)))
+    assert rollout.beside_picture == pytest.approx(max(found[-len(last) :]), rel=0.02)
+
+
 def test_two_cameras_fix_the_tool_in_space():
     robot = pa.load("ur5")
     at = robot.placement(robot.q0).translation

@@ -19,6 +19,7 @@ from ..information.information import MotionTorques, TorquePrediction, motion_to
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
+from ..tasks.frame import ImageTask
 from ..tasks.task import Task
 from .limit_excess import LimitExcess
 
@@ -508,6 +509,25 @@ class Recording:
         """Return a number (N) of a matrix of each sample, NaN where that is not finite."""
         matrices = map(matrix, self.evaluated().samples)
         return np.array([number(A) if np.isfinite(A).all() else np.nan for A in matrices])
+
+    @cached_property
+    @np.errstate(all="ignore")
+    def beside_picture(self) -> float | None:
+        """Largest distance of the tool from where its picture is the desired one [m].
+
+        In the last 10 %, to the nearest such point; None for tasks other than a picture.
+        """
+        if not isinstance(self.task, ImageTask) or not len(self.t):
+            return None
+        true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
+        if not true.known:
+            return None
+        found = []
+        for k in last[:: max(1, len(last) // 100)]:
+            robot = true.robots[int(true.index(self.t[k]))]
+            tool: Any = robot.task
+            found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
+        return extreme(np.max, np.array(found))
 
     @cached_property
     def disturbance(self) -> np.ndarray | None:

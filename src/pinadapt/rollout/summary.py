@@ -91,7 +91,7 @@ def summary(run: Recording) -> Numbers:
         own = zip(run.task.frames, run.task.ids, strict=True)
         numbers["recorded"]["frames"] = dict(own)
     if isinstance(run.task, ImageTask):
-        numbers["pixel"] = run.task.pixel
+        numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
     return dict(as_json(numbers))
 
@@ -113,6 +113,7 @@ def sheet(run: Recording, numbers: Numbers) -> Report:
         ("error, first 10 % (max)", "max_error_first", shown),
         ("error, last 10 % (max)", "max_error_last", shown),
         ("error, last 10 % (rms)", "rms_error_last", shown),
+        ("tool error, from the picture, last 10 % (max)", "max_tool_error_last", DISPLAYS["m"]),
         ("angle, first 10 % (max)", "max_angle_first", angle),
         ("angle, last 10 % (max)", "max_angle_last", angle),
         ("largest torque", "tau_max", Display("N m or N", 1.0)),
@@ -264,6 +265,8 @@ def _error(run: Recording, numbers: Numbers) -> str:
     text = f"error of the last 10 % up to {_size(error, shown)}"
     if (share := numbers["error_share"]) is not None:
         text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
+    if (tool := numbers.get("max_tool_error_last")) is not None:
+        text += f", {_size(tool, DISPLAYS['m'])} at the tool"
     if (angle := numbers.get("max_angle_last")) is not None:
         text += f", and {_size(angle, DISPLAYS['rad'])}"
     if run.unadapted and error:

@@ -132,7 +132,7 @@ def work_of(plan: Plan) -> Work:
 # of ``summary.json``
 _KEPT = (
     *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
-    *("saturated", "diverged"),
+    *("max_tool_error_last", "saturated", "diverged"),
 )
 
 

@@ -264,6 +264,10 @@ class ImageTask(PositionTask):
             p = p + np.linalg.pinv(J) @ (y - self.of(there))
         return p
 
+    def distance(self, p: np.ndarray, y_d: np.ndarray) -> float:
+        """Return how far p (3) is from the nearest point [m] whose picture is y_d (m)."""
+        return float(np.linalg.norm(self.nearest(p, y_d) - p))
+
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""
         y, (above, below) = self.of(placement), self.projections
