@@ -34,7 +34,7 @@ import numpy as np
 from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
-from ..exceptions import InputError, LogError
+from ..exceptions import InputError, LogError, ParameterError
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from ..robot.changes import Payload
 from .processes import MAIN, end_process, start_process
@@ -522,8 +522,7 @@ class CycleLog:
 
         Raises:
             LogError: the log does not contain the start of the loop.
-            PinadaptError: the controller refuses a sample, as of another arm, or the estimates that
-                the loop started from.
+            PinadaptError: the controller refuses a sample, as of another arm.
         """
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
@@ -542,7 +541,10 @@ class CycleLog:
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
-                state = controller.init(m, **start)
+                try:
+                    state = controller.init(m, **start)
+                except ParameterError:  # other unknowns: from its own estimates
+                    state = controller.init(m)
             state = state.adapt(bool(row["adapting"]))
             state = state.gave(None if np.isnan(given).any() else given)
             torque, state = controller.step(state, m, desired, float(begun["period"]))
