@@ -50,11 +50,6 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
     return links or [str(model.names[joint])]
 
 
-def massless_joints(model: pin.Model) -> list[int]:
-    """Return the indices of the joints that move a body without mass."""
-    return [i for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
-
-
 def is_physical(pi: np.ndarray) -> bool:
     """Return whether ten inertial parameters pi (10) belong to a body with a mass distribution.
 
@@ -278,18 +273,10 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
         mimics: names of joints that depend on others.
 
     Raises:
-        RobotError: a free-flyer, a mimic joint, or a joint that is neither revolute nor prismatic.
+        RobotError: a mimic joint, or a joint that is neither revolute nor prismatic.
     """
     for joint in joints:
         kind, name = model.joints[joint].shortname().removeprefix("JointModel"), model.names[joint]
-        if is_free_flyer(model.joints[joint]):
-            raise RobotError(
-                f"joint '{name}' makes the base floating; the control laws are for fixed-base "
-                "chains.",
-                where=model.name,
-                hint="To use one limb as a fixed-base arm, fix the base: load(..., "
-                "weld_root=True), in a scenario robot.weld_root = true.",
-            )
         mimic = name in mimics or "Mimic" in kind
         if mimic or kind[0] not in "RP" or model.joints[joint].nv != 1:
             kind = "mimics another joint" if mimic else f"is of type {kind}"
@@ -334,7 +321,8 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         if eigenvalues[0] >= 1e-10:
             continue
         weakest = int(np.argmax(np.abs(vectors[:, 0] / scale))) + 1
-        links = [links_of(model, joint)[0] for joint in massless_joints(model) or [weakest]]
+        massless = [i for i, body in enumerate(model.inertias) if i and body.mass <= 0.0]
+        links = [links_of(model, joint)[0] for joint in massless or [weakest]]
         raise RobotError(
             f"the mass matrix is singular or indefinite: {links} have no mass or inertia.",
             where=model.name,

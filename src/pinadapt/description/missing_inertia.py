@@ -1,10 +1,9 @@
 """Inertia for bodies that the description leaves without: solids of one common density.
 
 A body is everything that moves with one joint. A body without mass is modelled by its collision
-shapes, else by its visual shapes, a mesh by its convex hull. A body without shapes is a rod from
-its joint to the furthest frame or joint fixed to the body, or a ball if that distance is zero. The
-mass of the robot minus the described mass is distributed with one density over these volumes. Every
-inertia is that of a solid and therefore physically consistent.
+shapes, else by its visual shapes, a mesh by its convex hull. The mass of the robot minus the
+described mass is distributed with one density over these volumes. Every inertia is that of a solid
+and therefore physically consistent. A body without shapes stays without mass.
 """
 
 from __future__ import annotations
@@ -18,11 +17,7 @@ import pinocchio as pin
 
 from .._checks import positive
 from ..exceptions import RobotError
-from .chain import links_of, massless_joints
-
-# radius of rods and balls, relative to the longest rod; half, twice: their mass is a quarter, four
-# times as large beside bodies with shapes
-_SLENDER = 0.05
+from .chain import links_of
 
 
 def with_inertias(
@@ -31,7 +26,7 @@ def with_inertias(
     mass: float,
     name: str,
 ) -> pin.Model:
-    """Return a copy of a model in which all bodies have inertia and the robot has a given mass.
+    """Return a copy of a model in which bodies with shapes have inertia, of a robot of this mass.
 
     The base counts as well: if it is described without mass, its shapes get their share, which does
     not affect the motion. A warning states the masses that were assigned.
@@ -43,19 +38,11 @@ def with_inertias(
         name: of the robot, for messages.
 
     Raises:
-        RobotError: the mass is not positive and finite, or not above the described mass; or every
-            body has a mass already.
+        RobotError: the mass is not positive and finite, or not above the described mass; or no
+            moving body without mass has shapes.
     """
-    lacking, described = massless_joints(model), sum(body.mass for body in model.inertias)
-    if not lacking or positive(mass, "mass", error=RobotError) <= described:
-        raise RobotError(
-            f"the description of '{name}' has {described:.4g} kg already, and {len(lacking)} "
-            f"moving bodies without mass; nothing of {mass:g} kg is left for them.",
-            where="mass",
-            hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
-            "Robot.changed(inertial_scale=...) scales the described masses.",
-        )
-    wanted = [*lacking, *[0] * (model.inertias[0].mass <= 0.0)]
+    described = sum(body.mass for body in model.inertias)
+    wanted = [i for i, body in enumerate(model.inertias) if body.mass <= 0.0]
     solids: dict[int, pin.Inertia] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
         placed, shapes = dict[int, pin.Inertia](), geometry(kind)
@@ -64,14 +51,18 @@ def with_inertias(
             if joint in wanted and (solid := _solid(part.geometry)) is not None:
                 placed[joint] = placed.get(joint, pin.Inertia.Zero()) + part.placement.act(solid)
         solids |= placed
-    ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
-    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
-    rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
-    density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
+    if not any(solids) or positive(mass, "mass", error=RobotError) <= described:
+        raise RobotError(
+            f"the description of '{name}' has {described:.4g} kg already, and {len(solids)} bodies "
+            f"with shapes and without mass; nothing of {mass:g} kg is left for them.",
+            where="mass",
+            hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
+            "Robot.changed(inertial_scale=...) scales the described masses.",
+        )
+    density = (mass - described) / sum(solid.mass for solid in solids.values())
     model, words = model.copy(), []
-    for joint, body in (solids | rods).items():
-        rod = ", a rod or ball as it has no shapes" if joint in rods else ""
-        words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}{rod}")
+    for joint, body in solids.items():
+        words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}")
         if joint > 0:
             model.inertias[joint] = pin.Inertia(
                 density * body.mass, body.lever, density * body.inertia
@@ -128,20 +119,3 @@ def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
         return None
     moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
     return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
-
-
-def _furthest(model: pin.Model, joint: int) -> np.ndarray:
-    """Return the position (3) [m] of the joint or frame on a body furthest from its joint."""
-    fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
-    carried = [model.jointPlacements[child].translation for child in model.children[joint]]
-    return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
-
-
-def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
-    """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m]; a ball if it is short."""
-    length = float(np.linalg.norm(end))
-    if length <= radius:
-        return pin.Inertia.FromSphere(4.0 / 3.0 * np.pi * radius**3, radius)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
-    rod = pin.Inertia.FromCylinder(np.pi * radius**2 * length, radius, length)
-    return pin.SE3(turn, 0.5 * end).act(rod)

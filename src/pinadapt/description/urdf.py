@@ -260,12 +260,8 @@ def read_xml(path: Path) -> ElementTree.Element:
     """
     try:
         return parse_xml(path.read_bytes(), str(path))
-    except FileNotFoundError as error:
-        near = sorted(map(str, [*path.parent.glob("*.urdf"), *path.parent.glob("*.xacro")]))
-        hint = f"Robot files in that folder: {near}." if near else None
-        raise RobotError("no such file.", where=str(path), hint=hint) from error
     except OSError as error:
-        raise RobotError(f"cannot be read ({error.strerror}).", where=str(path)) from error
+        raise RobotError(f"cannot be read: {error.strerror}.", where=str(path)) from error
 
 
 def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:

@@ -171,23 +171,20 @@ class BaseParameters:
         return "\n".join([title, *rows, f"without effect: {', '.join(self.without_effect) or '-'}"])
 
 
-def base_parameters(
-    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = SAMPLES
-) -> BaseParameters:
+def base_parameters(model: Dynamics | TaskKinematics, robot: Robot) -> BaseParameters:
     """Return the identifiable combinations of the parameters of a model.
 
     Args:
         model: ``controller.dynamics``, identified from the torque, or ``controller.kinematics``,
             identified from the velocity of the task frame.
         robot: with the chain that the model was made for.
-        samples: number of seeded random states.
 
     Raises:
         ParameterError: the model is neither of them.
     """
     instance(model, Dynamics | TaskKinematics, "model", ParameterError)
     rows = [np.zeros((0, model.size))]
-    for q, v, a in random_states(robot.model, samples if model.size else 0):
+    for q, v, a in random_states(robot.model, SAMPLES):
         if isinstance(model, Dynamics):
             rows.append(model.regressor(q, v, a))
         else:

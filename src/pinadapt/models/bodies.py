@@ -105,7 +105,7 @@ class InertialDynamics(Dynamics):
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
 
-        See ``MomentumRegressor`` for the source.
+        See ``Regressor`` for the source.
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
         p_0 = self._armature * v if self._rotors else np.zeros(v.size)

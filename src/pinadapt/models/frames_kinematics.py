@@ -127,7 +127,3 @@ class FramesKinematics(TaskKinematics):
         """Return the tools (p) of a model of the robot."""
         pairs = zip(self._parts, self._own, strict=True)
         return np.concatenate([part.read(model, a_k[own]) for part, own in pairs])
-
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters."""
-        return sum(part.base(samples) for part in self._parts)

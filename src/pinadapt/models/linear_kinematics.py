@@ -34,7 +34,6 @@ from ..description.urdf_writer import axis_of
 from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
-from .basis import base_parameters
 from .regressor import SAMPLES, live_array, random_states
 from .task_kinematics import TaskKinematics
 from .translations import (
@@ -320,10 +319,6 @@ class LinearKinematics(TaskKinematics):
             found += self._regressor(rate, 2.0 * self.xd_hat, chain)
             found -= self._regressor(rate, 0.0 * self._y, chain)
         return found
-
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
-        return base_parameters(self, self.robot, samples=samples).size
 
     @abstractmethod
     def _described(self, robot: Robot) -> np.ndarray | None:

@@ -157,10 +157,6 @@ class TaskKinematics(ABC):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
 
-    @abstractmethod
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters."""
-
 
 class KnownKinematics(TaskKinematics):
     """A task whose coordinates follow from q alone: no parameters."""
@@ -202,10 +198,6 @@ class KnownKinematics(TaskKinematics):
     def value(self, robot: Robot) -> np.ndarray:
         """Return the empty parameters (0), which fit every robot with this chain."""
         return self.initial
-
-    def base(self, samples: int = 50) -> int:
-        """Return 0, the number of parameters."""
-        return 0
 
 
 class ComKinematics(KnownKinematics):

@@ -72,7 +72,6 @@ def load(
     locked: str | Sequence[str] = (),
     q0: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
-    weld_root: bool | None = None,
     xacro: XacroArguments | None = None,
     mass: float | None = None,
     joint_effects: bool = False,
@@ -108,8 +107,6 @@ def load(
             conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
             configuration if it is inside the joint limits, else their middle.
         gravity: (3) [m/s^2] in world axes; default: that of the model.
-        weld_root: True fixes a floating base at the reference configuration, False refuses it;
-            default: True for files, False for objects. In the catalogue, bases are always fixed.
         xacro: arguments of a xacro file, name -> text, number or bool.
         mass: mass of the whole robot, its base included [kg]; bodies that are described without
             mass share what the other bodies leave, see ``missing_inertia``. Where a joint would
@@ -118,7 +115,8 @@ def load(
             By default friction is zero, as most descriptions contain placeholder values.
         pixel: of the task "image", the picture of the frame in a camera: about the length [m] that
             a pixel covers at the arm; a factor of five does not matter. See ``Robot.filmed_by``.
-        base: "fixed", or "free" for a robot that stands: q begins with the base's position, yaw,
+        base: "fixed", at the reference configuration if the description has a floating one, or
+            "free" for a robot that stands: q begins with the base's position, yaw,
             pitch and roll, which no motor moves. The task is then the pose of the root link, unless
             a frame is given.
         contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
@@ -129,7 +127,7 @@ def load(
             MJCF file has no actuator, if it has any.
 
     Raises:
-        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
+        RobotError: missing file, bad XML, unknown frame or joint, mimic or
             unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
             few joints for the task or more than 100, wrong sizes or NaN; loops that do not close
             near the home pose, or constraints under which motors, or the rows of the task, cannot
@@ -160,7 +158,6 @@ def load(
         )
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
-    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
     ends, whole = end_links(found.model, found.mimics), free or bool(closed)
     whole = whole or (known is None and task == JOINT) or _hangs_in_loops(found, known)
     if whole:
@@ -179,7 +176,6 @@ def load(
         task=found.task if task in (None, IMAGE) else task,
         locked=[*found.locked, *name_list(locked, "locked", RobotError)],
         q0=q0,
-        weld=weld or free or found.weld_root,
         free=free,
         constraints=closed + feet,
         passive=idle if whole else (),
@@ -247,7 +243,6 @@ def _load_chain(
     task: str | None,
     locked: Sequence[str],
     q0: ArrayLike | None,
-    weld: bool,
     free: bool,
     constraints: tuple[Constraint, ...],
     passive: tuple[str, ...],
@@ -262,8 +257,8 @@ def _load_chain(
         task: its name, or None for the default.
         locked: joints to lock.
         q0: home pose, or None.
-        weld: whether a floating base is fixed or replaced by joints.
-        free: whether the base is; the whole tree is kept then, with a frame too.
+        free: whether the base is; the whole tree is kept then, with a frame too. If not, a
+            floating base is fixed.
         constraints: loops and contacts, with which the whole tree is kept.
         passive: joints without motors.
         others: task frames beside the first.
@@ -276,7 +271,7 @@ def _load_chain(
     if not whole:
         tips = [frame_id(described, str(name)) for name in (frame, *others)]
         chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
-    keep = [j for j in chain if j not in locks and not (weld and j in floating)]
+    keep = [j for j in chain if j not in locks and j not in floating]
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
         what = "anything" if frame is None else f"frame '{frame}'"
@@ -299,7 +294,7 @@ def _load_chain(
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
     plane = MountingPlane()
-    if not (welded or found.weld_root or whole or others):
+    if not (welded or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
