@@ -61,7 +61,6 @@ def test_one_of_several_frames_is_the_plain_robot():
 
 REFUSED = [
     ({"frames": [ENDS[0], "left_han"]}, "no frame 'left_han'"),
-    ({"frames": [ENDS[0], ENDS[0]]}, "twice"),
     ({"frames": ENDS, "frame": ENDS[0]}, "not both"),
     ({"frames": 3}, "list of names"),
     ({"frames": [*ENDS, "left_wrist"]}, "singular in every pose"),  # on the same body

@@ -125,12 +125,12 @@ def reduced(
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
     """Return the configuration (nq) of joint positions (nv) [rad or m]."""
-    return np.asarray(pin.integrate(model, pin.neutral(model), np.asarray(angles, dtype=float)))
+    return pin.integrate(model, pin.neutral(model), angles)
 
 
 def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return the joint positions (nv) [rad or m] of a configuration (nq)."""
-    return np.asarray(pin.difference(model, pin.neutral(model), q))
+    return pin.difference(model, pin.neutral(model), q)
 
 
 # Limits and size

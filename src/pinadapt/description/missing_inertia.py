@@ -109,7 +109,7 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
 def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     """Return a shape, a mesh as its convex hull, as a solid of 1 kg/m^3; None without volume."""
     if isinstance(shape, coal.BVHModelBase):
-        vertices = np.asarray(shape.vertices())
+        vertices = shape.vertices()
         if np.linalg.matrix_rank(vertices - vertices.mean(axis=0), rtol=1e-6) < 3:
             return None  # coal ends the process where a mesh is flat
         shape.buildConvexHull(True, "Qt")
@@ -117,5 +117,5 @@ def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     volume = 0.0 if shape is None else shape.computeVolume()
     if not 0.0 < volume < np.inf:
         return None
-    moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
-    return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
+    moments = shape.computeMomentofInertiaRelatedToCOM()
+    return pin.Inertia(volume, shape.computeCOM(), moments)

@@ -43,7 +43,6 @@ class InertialDynamics(Dynamics):
         self, robot: Robot, B: np.ndarray | None = None, known: np.ndarray | None = None
     ) -> None:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
-        instance(robot, Robot, "robot", RobotError)
         self._model: InertialModel | VirtualChains = InertialModel(robot.model)
         self._regressor: Regressor | VirtualChains = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
@@ -216,7 +215,7 @@ UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of nat
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     """Return P (4, 4) of the ten parameters pi (10) of a body."""
-    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
+    return pin.PseudoInertia.FromDynamicParameters(pi).toMatrix()
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i

@@ -194,4 +194,4 @@ def _at(
     if t <= t_0 + ROUNDING or t_1 == t_0:
         return history, q_0
     share = (t - t_0) / (t_1 - t_0)
-    return history, np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))
+    return history, pin.interpolate(kinematics.robot.model, q_0, q_1, share)

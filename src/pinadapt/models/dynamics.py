@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import InputError, ParameterError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
 from .regressor import Momentum
@@ -92,21 +92,13 @@ class Dynamics(ABC):
         C is the matrix of Christoffel symbols, for which dM/dt - 2 C is skew-symmetric.
         """
 
+    @abstractmethod
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a remainder, both without acceleration.
 
         M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0. It does not depend on the loaded
         estimate.
-
-        Raises:
-            InputError: the subclass does not implement it.
         """
-        raise InputError(
-            f"{type(self).__name__} does not implement momentum(), which the prediction error of "
-            "the torque needs.",
-            where="adaptation",
-            hint="Implement it, or use an adaptation without the prediction error of the torque.",
-        )
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
@@ -138,8 +130,6 @@ class Dynamics(ABC):
         Raises:
             ParameterError: the parameters do not determine bodies, or the bodies are not physical.
         """
-        if not self.size:
-            return nominal
         raise ParameterError(
             f"the {self.size} parameters are combinations, from which no bodies follow.",
             where="learned",
@@ -211,8 +201,6 @@ class StackedDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
-        if a_d.shape != (self.size,):
-            raise ParameterError(f"expected {self.size} numbers, got {a_d.shape}.", where="a_d")
         size = self._inertial.size
         self._values.put(self._places, a_d[size:])
         self._inertial.load(a_d[:size])
@@ -241,8 +229,15 @@ class StackedDynamics(Dynamics):
         return self.joints.added(self._values, q, v_r, a_r, 1.0, *bodies)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return momentum and rest of the torque; see ``JointEffects.momentum``."""
-        return self.joints.momentum(q, v, self._inertial.momentum(q, v))
+        """Return momentum and rest of the torque.
+
+        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
+        """
+        Y_M, Y_0, p_0, tau_0 = self._inertial.momentum(q, v)
+        joints, known, zero = self.joints, self.joints.known, self.joints.zero
+        Y_M, p_0 = joints.added(known, q, zero, v, 0.0, Y_M, p_0)
+        Y_0, tau_0 = joints.added(known, q, v, zero, 1.0, Y_0, tau_0)
+        return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import name_list
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.several_frames import FramesTask
 from .linear_kinematics import FrameKinematics
@@ -33,48 +31,31 @@ class FramesKinematics(TaskKinematics):
         """Use a nominal robot with several task frames; ``unknown`` is empty or ["tool"].
 
         Raises:
-            RobotError: there are not several frames.
             ParameterError: other unknown translations: those of joints move several frames.
         """
-        if not isinstance(robot.task, FramesTask):
-            raise RobotError("expected a robot with several frames.", where="robot.task")
-        words = list(unknown) if not isinstance(unknown, str) else name_list(unknown, "unknown")
+        words = [unknown] if isinstance(unknown, str) else list(unknown)
         if words not in ([], [TOOL]):
             raise ParameterError(
                 f"with several frames their tools may be unknown, and {words} was given.",
                 where="unknown.translations",
                 hint='Take unknown "tool", or one frame at a time.',
             )
-        self.unknown = words
-        self.robot, self.task, self.frame = robot.undrawn(), robot.task, robot.frame
-        self.joint_names = robot.joint_names
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self._take(robot, robot.task, words)
         self._parts = [FrameKinematics(robot.of_frame(name), words) for name in robot.frames]
         ends = np.cumsum([0, *(part.size for part in self._parts)]).tolist()
         self._own = [slice(*both) for both in pairwise(ends)]
-        self.size, self.positions = ends[-1], self.task.positions
-        named = list(zip(robot.frames, self._parts, strict=True))
+        self.size = ends[-1]
+        named = zip(robot.frames, self._parts, strict=True)
         self.names = tuple(f"{frame}.{name}" for frame, part in named for name in part.names)
-        self.translations = [
-            replace(
-                each,
-                name=f"{frame}.{each.name}",
-                labels=tuple(f"{frame}.{label}" for label in each.labels),
-            )
-            for frame, part in named
-            for each in part.translations
-        ]
+        self.translations = [each for part in self._parts for each in part.translations]
         self.initial, self.sizes, self.bounds = (
             np.concatenate([getattr(part, name) for part in self._parts], axis=-1)
             for name in ("initial", "sizes", "bounds")
         )
-        self._still = np.zeros(self.nv)
         self.update(self.initial, robot.q0, self._still)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        if a_k.size != self.size:
-            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
         parts = self._parts
         for part, own in zip(parts, self._own, strict=True):
             part.update(a_k[own], q, v)

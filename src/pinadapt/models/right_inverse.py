@@ -44,11 +44,6 @@ class RightInverse:
         unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
-    __slots__ = (
-        *("J", "_A_rate", "_damped", "_levels", "_rows", "_rows_rate"),
-        *("conditioning", "damping", "gram_inverse", "size", "unique"),
-    )
-
     def __init__(
         self,
         J: np.ndarray,
@@ -155,11 +150,6 @@ class RightInverse:
         if self.unique:
             return np.zeros(z.size)
         return z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
-
-    def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
-        """Subtract N diag(D) N z (n) from a torque (n) in place, N = I - J^+ J; float arrays."""
-        if not self.unique:
-            torque -= self.null(D * self.null(z))
 
     def _damping_rate(self, Jdot: np.ndarray) -> np.ndarray:
         """Return d(mu^2)/dt (m).

@@ -81,6 +81,13 @@ class TaskKinematics(ABC):
         arguments: tuple[Any, ...] = (self.robot, self.unknown)
         return type(self), arguments, {"constraints": self.constraints}
 
+    def _take(self, robot: Robot, task: Any, unknown: str | Sequence[str | Translation]) -> None:
+        """Take a nominal robot, its task, and the words that choose the unknown parameters."""
+        self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
+        self.joint_names, self.frame = robot.joint_names, robot.frame
+        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self.positions, self._still = task.positions, np.zeros(self.nv)
+
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the right inverse of J, under the constraints if there are any.
 
@@ -161,7 +168,9 @@ class TaskKinematics(ABC):
 class KnownKinematics(TaskKinematics):
     """A task whose coordinates follow from q alone: no parameters."""
 
-    def _take(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
+    _rate: np.ndarray
+
+    def _know(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
         """Take a nominal robot and its task; ``unknown`` must be empty.
 
         Raises:
@@ -174,19 +183,30 @@ class KnownKinematics(TaskKinematics):
                 where="unknown.translations",
                 hint='Leave it out, or use a task of the frame, such as "xyz".',
             )
-        m = task.size
-        self.robot, self.task = robot.undrawn(), task
-        self.joint_names, self.frame = robot.joint_names, robot.frame
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.names, self.size, self.positions = (), 0, 0
-        self.initial = self.a_k = np.zeros(0)
-        self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
-        self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
-        self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
+        self._take(robot, task, unknown)
+        self._data, self._q = robot.model.createData(), robot.q0
+        self.names, self.size = (), 0
+        self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
+        self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
+        self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """The coordinates of the last update."""
+        return self.at(self._q)[0]
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the task coordinates at q (nq), and an empty X_k (0, 0)."""
+        robot = self.robot
+        return self.task.at(robot.model, self._data, robot.frame_id, q), self.X_k
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return the empty Ybar_k (m, 0)."""
         return self.Y_k
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (m, nv) by the motion."""
+        return self._rate
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write nothing."""
@@ -211,27 +231,13 @@ class ComKinematics(KnownKinematics):
         Raises:
             ParameterError: unknown translations, which have no effect on the task.
         """
-        self._take(robot, robot.task, unknown)
-        self._data = robot.model.createData()
-        self.update(self.initial, robot.q0, np.zeros(self.nv))
+        self._know(robot, robot.task, unknown)
+        self.update(self.initial, robot.q0, self._still)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
-        self.J, self._rate = self.task.jacobians(self._data, q, v)
-        self.xd_hat, self.Jdot_v, self._x = self.J.dot(v), self._rate.dot(v), self.at(q)[0]
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """Centre of mass [m] and quaternion xyzw (7)."""
-        return self._x
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return centre of mass and quaternion (7) at q (nq), and an empty X_k (0, 0)."""
-        return self.task.at(self.robot.model, self._data, self.task.frame, q), self.X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (6, nv) by the motion."""
-        return self._rate
+        self._q, (self.J, self._rate) = q, self.task.jacobians(self._data, q, v)
+        self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
 
 
 class JointKinematics(KnownKinematics):
@@ -248,11 +254,11 @@ class JointKinematics(KnownKinematics):
         Raises:
             ParameterError: unknown translations, which have no effect on a joint task.
         """
-        self._take(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
+        self._know(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
         self._dofs = list(self.task.dofs)
         self.J = np.eye(self.nv)[self._dofs]
-        self._no_rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
-        self._q, self.xd_hat = robot.q0, np.zeros(len(self.J))
+        self._rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
+        self.xd_hat = np.zeros(len(self.J))
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
@@ -263,16 +269,3 @@ class JointKinematics(KnownKinematics):
         if self.constraints is None:
             return self._inverse
         return super().inverse(q, v, threshold)
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """The joint coordinates (nv) [rad or m]."""
-        return self.task.of(self._q)
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
-        return self.task.of(q), self.X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return zero (nv, nv)."""
-        return self._no_rate

@@ -132,7 +132,7 @@ class TrackerKinematics(ProjectedKinematics):
         What is not told is known to a radian and to the reach.
         """
         G = self.slopes(tracker)
-        return np.asarray(G @ np.linalg.inv(told + self._vague) @ G.T)
+        return G @ np.linalg.inv(told + self._vague) @ G.T
 
     def information(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
         """Return what a tracker with the information (6 + k, 6 + k) says of the parameters (p, p).
@@ -143,7 +143,7 @@ class TrackerKinematics(ProjectedKinematics):
         inexact = (_INEXACT * self.sizes.reshape(self._shape)) ** 2
         inexact[:, -1] = 0.0
         found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
-        return np.asarray(0.5 * (found + found.T))
+        return 0.5 * (found + found.T)
 
     def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the tracker of a robot, as ``Robot.seen_from`` gives."""

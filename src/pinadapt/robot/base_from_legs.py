@@ -88,4 +88,4 @@ class BaseFromLegs:
 
 def _about_z(angle: float) -> np.ndarray:
     """Return the rotation (3, 3) about z."""
-    return np.asarray(pin.rpy.rpyToMatrix(0.0, 0.0, angle))
+    return pin.rpy.rpyToMatrix(0.0, 0.0, angle)

@@ -131,7 +131,7 @@ def find_home(
         found *= (plane.distances(model, ends[0], at) >= room) * np.minimum(
             1.0, _off_limits(limits, poses) / _FAR_OFF
         )
-        return np.asarray(poses[np.argmax(found)])
+        return poses[np.argmax(found)]
 
     samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     sampled = [configuration_from_angles(model, angles) for angles in samples]
@@ -178,4 +178,4 @@ def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np
     limited = np.isfinite(limits[0])
     (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
-    return np.asarray(np.min(nearest, axis=-1, initial=np.inf))
+    return np.min(nearest, axis=-1, initial=np.inf)

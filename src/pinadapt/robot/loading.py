@@ -135,7 +135,10 @@ def load(
     """
     instance(frame, str | None, "frame", RobotError)
     instance(task, str | None, "task", RobotError)
-    frame, *others = _distinct(frame, name_list(frames, "frames", RobotError))
+    named: list[str | None] = [*name_list(frames, "frames", RobotError)]
+    if frame is not None and named:
+        raise RobotError("give one frame, or several, not both.", where="frames")
+    frame, *others = [*dict.fromkeys(named)] or [frame]
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',
@@ -152,12 +155,12 @@ def load(
             "centre of mass.",
             where="frames",
         )
-    if task == COM and not free:
+    if not free and (feet or task == COM):
         raise RobotError(
-            "only that of a free base is controlled.", where="task", hint='base="free".'
+            "contacts, and the task of the centre of mass, are for a free base.",
+            where="base",
+            hint='base="free".',
         )
-    if feet and not free:
-        raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
     ends, whole = end_links(found.model, found.mimics), free or bool(closed)
     whole = whole or (known is None and task == JOINT) or _hangs_in_loops(found, known)
     if whole:
@@ -191,19 +194,6 @@ def load(
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
-
-
-def _distinct(frame: str | None, frames: list[str]) -> list[str | None]:
-    """Return one frame or None, or several that differ.
-
-    Raises:
-        RobotError: both are given, or a frame is twice among several.
-    """
-    if frame is not None and frames:
-        raise RobotError("give one frame, or several, not both.", where="frames")
-    if twice := [name for name, count in Counter(frames).items() if count > 1]:
-        raise RobotError(f"'{twice[0]}' is given twice.", where="frames")
-    return [*frames] or [frame]
 
 
 def _hangs_in_loops(found: Description, frame: str | None) -> bool:
@@ -300,8 +290,6 @@ def _load_chain(
         names = {str(described.names[joint]) for joint in keep}
         follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
         constraints = *follow, *constraints
-    for part in constraints:
-        part.check(model)
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
         chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
@@ -314,8 +302,8 @@ def _load_chain(
         chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
-    constraints = independent(model, consistent(model, home, constraints), constraints)
     home = consistent(model, home, constraints)
+    constraints = independent(model, home, constraints)
     model = _regular(model, home, found.name)
     robot = Robot(
         found.name,
@@ -323,7 +311,7 @@ def _load_chain(
         frame,
         chosen,
         home,
-        Friction.none(model.nv),
+        Friction().of(model),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in (frame, *others)),
         locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),

@@ -434,12 +434,7 @@ class Robot:
         return robot_sheet(self).html()
 
     def friction_at(self, q: np.ndarray) -> Friction:
-        """Return the friction at configuration q (nq), under the gravity torque there.
-
-        Raises:
-            RobotError: not nq finite numbers.
-        """
-        q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
+        """Return the friction at configuration q (nq), under the gravity torque there."""
         if not self.friction.loaded:
             return self.friction
         return self.friction.under(
@@ -553,11 +548,6 @@ class Succession:
             check_successor(first, robot, f"changes[{time:g}]")
         return cls((first, *timed.values()), tuple(timed))
 
-    @property
-    def name(self) -> str:
-        """Name of the first robot."""
-        return self.robots[0].name
-
     def index(self, t: ArrayLike) -> np.ndarray:
         """Return the index of the robot at each time t (N) [s]."""
         return np.searchsorted(np.array(self.times), numbers(t, "t") + EARLY, side="right")
@@ -588,8 +578,7 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     Raises:
         RobotError: not a robot, or one with another chain, frame or task.
     """
-    if not isinstance(after, Robot):
-        raise RobotError(f"expected a Robot, got {after!r}.", where=where)
+    instance(after, Robot, where, RobotError)
     ours, theirs = ((one.slides, one.frames, one.task.name) for one in (before, after))
     if ours != theirs:
         raise RobotError(
