@@ -100,7 +100,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("action", "words"), REFUSED)
 def test_errors_name_the_cause_and_suggest_the_closest_name(action, words):
-    with pytest.raises(pa.RobotError) as error:
+    with pytest.raises(pa.InputError) as error:
         action()
     for word in words:
         assert word in str(error.value)

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from .._output import read_toml
 from ..exceptions import RobotError, did_you_mean
-from .chain import chain_joints, frame_id, is_free_flyer
+from .chain import chain_joints, frame_id
 from .urdf import Urdf
 
 
@@ -58,11 +58,7 @@ class CatalogueEntry:
 
     def limb(self, model: pin.Model) -> tuple[list[int], list[int]]:
         """Return the joints of the whole model before the limb, and those of the limb."""
-        chain = [
-            joint
-            for joint in chain_joints(model, frame_id(model, self.frame))
-            if not is_free_flyer(model.joints[joint])
-        ]
+        chain = chain_joints(model, frame_id(model, self.frame))
         names = [str(model.names[joint]) for joint in chain]
         start = 0 if self.first is None else names.index(self.first)
         return chain[:start], chain[start:]

@@ -77,8 +77,9 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
-    """Return the indices of the joints from the base to a frame, in this order."""
-    return [int(joint) for joint in model.supports[model.frames[frame].parentJoint] if joint > 0]
+    """Return the indices of the joints from the base to a frame, in this order; no free-flyer."""
+    joints = list(model.supports[model.frames[frame].parentJoint])[1:]
+    return [joint for joint in joints if not is_free_flyer(model.joints[joint])]
 
 
 def is_slide(joint: pin.JointModel) -> bool:
@@ -276,16 +277,21 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
         RobotError: a mimic joint, or a joint that is neither revolute nor prismatic.
     """
     for joint in joints:
-        kind, name = model.joints[joint].shortname().removeprefix("JointModel"), model.names[joint]
-        mimic = name in mimics or "Mimic" in kind
-        if mimic or kind[0] not in "RP" or model.joints[joint].nv != 1:
-            kind = "mimics another joint" if mimic else f"is of type {kind}"
+        if not is_independent(model, joint, mimics):
+            kind = model.joints[joint].shortname().removeprefix("JointModel")
             raise RobotError(
-                f"joint '{name}' {kind}; the control laws need independent revolute, continuous "
-                "and prismatic joints.",
+                f"joint '{model.names[joint]}' mimics another one, or its type {kind} is none of "
+                "the revolute, continuous and prismatic ones that the control laws need.",
                 where=model.name,
                 hint="Lock it with `locked`, or choose a frame before it.",
             )
+
+
+def is_independent(model: pin.Model, joint: int, mimics: Collection[str]) -> bool:
+    """Return whether a joint is revolute, continuous or prismatic, and follows no other one."""
+    part, kind = model.joints[joint], model.joints[joint].shortname().removeprefix("JointModel")
+    follows = model.names[joint] in mimics or "Mimic" in kind
+    return part.nv == 1 and kind[0] in "RP" and not follows
 
 
 def check_position_limits(model: pin.Model) -> None:

@@ -155,15 +155,15 @@ class Urdf:
             found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
         return found
 
-    def joint_effects(self, attribute: str) -> dict[str, float]:
-        """Return joint name -> the number of an attribute of <dynamics>, for joints that state it.
+    def joint_effects(self) -> dict[str, dict[str, float]]:
+        """Return joint name -> the numbers of its <dynamics> by attribute.
 
         ``Robot.urdf`` writes those that URDF does not define, such as ``armature``.
         """
         return {
-            joint.get("name", ""): float(dynamics.attrib[attribute])
+            joint.get("name", ""): {name: float(x) for name, x in dynamics.attrib.items()}
             for joint in self.root.findall("joint")
-            for dynamics in joint.findall(f"dynamics[@{attribute}]")
+            for dynamics in joint.findall("dynamics")
         }
 
 

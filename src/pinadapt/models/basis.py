@@ -24,13 +24,12 @@ from numpy.typing import ArrayLike
 from .._checks import ROUNDING, instance, numbers
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import PER_BODY, SAMPLES, State, random_states
 from .task_kinematics import TaskKinematics
 
 
-class FittedDynamics(InertialDynamics):
+class FittedDynamics(Dynamics):
     """Dynamics whose parameters a are those with the torque Y a of a robot, at seeded states."""
 
     def _fit(self, states: Sequence[State], Y: np.ndarray) -> None:
@@ -77,7 +76,7 @@ class BasisDynamics(FittedDynamics):
         self.bodies = range(robot.model.nv)
         self.names = tuple(f"a{i + 1}" for i in range(self.size))
         states = random_states(robot.model, SAMPLES)
-        Y = np.vstack([self._regressor(*state) for state in states]) @ B
+        Y = np.vstack([self._model(*state) for state in states]) @ B
         self._fit(states, Y)
         one = len(independent_columns(Y)[0]) == self.size
         initial = self.value(robot) if one else None

@@ -88,7 +88,7 @@ class LumpedDynamics(FittedDynamics):
         self._fit(states, base)
         initial = self.value(robot)
         assert initial is not None  # the nominal translations are along their directions
-        self._model = self._regressor = VirtualChains(models, columns, self._armature)
+        self._model = VirtualChains(models, columns, self._armature)
         self.names = tuple(
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, own in enumerate(columns, 1)

@@ -23,7 +23,8 @@ class TaskKinematics(ABC):
 
     ``update`` evaluates everything at an estimate and a state, and replaces the attributes by new
     arrays; the methods refer to the last update. m: task coordinates, m_p: positions among them.
-    All is in world axes, linear before angular.
+    All is in world axes, linear before angular. Where subclasses say nothing else, the coordinates
+    follow from q alone and there are no parameters.
 
     Attributes:
         robot: the nominal robot, without its geometry.
@@ -73,6 +74,7 @@ class TaskKinematics(ABC):
     Jdot_v: np.ndarray
     Y_k: np.ndarray
 
+    _rate: np.ndarray
     constraints: Constraints | None = None
     unknown: str | Sequence[str | Translation] = ()
 
@@ -109,9 +111,9 @@ class TaskKinematics(ABC):
         return self.Y_k[: self.task.positions]
 
     @property
-    @abstractmethod
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
+        return self.at(self._q)[0]
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -122,7 +124,6 @@ class TaskKinematics(ABC):
         """Return the estimate (p) to start from at a measured q (nq) and x, if that is measured."""
         return self.initial
 
-    @abstractmethod
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
@@ -132,6 +133,8 @@ class TaskKinematics(ABC):
             q: (nq) configuration.
             seen: coordinates measured there, see ``explaining``; None: the estimated ones.
         """
+        robot = self.robot
+        return self.task.at(robot.model, self._data, robot.frame_id, q), self.X_k
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return the regressor (m_p, p) of the prediction error of measured coordinates x.
@@ -140,38 +143,31 @@ class TaskKinematics(ABC):
         """
         return self.X_k
 
-    @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) at rate a_k_rate (p) [m/s] of the estimate."""
+        return self._rate
 
-    @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27) at joint acceleration a (nv)."""
+        return self.Y_k
 
-    @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
+        return self.initial
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""
         return self.robot
 
-    @abstractmethod
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:  # noqa: B027
         """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
 
-    @abstractmethod
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
-
-
-class KnownKinematics(TaskKinematics):
-    """A task whose coordinates follow from q alone: no parameters."""
-
-    _rate: np.ndarray
+        return self.initial
 
     def _know(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
-        """Take a nominal robot and its task; ``unknown`` must be empty.
+        """Take a nominal robot and a task without parameters; ``unknown`` must be empty.
 
         Raises:
             ParameterError: unknown translations, which have no effect on the task.
@@ -190,37 +186,8 @@ class KnownKinematics(TaskKinematics):
         self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
         self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
 
-    @property
-    def x_hat(self) -> np.ndarray:
-        """The coordinates of the last update."""
-        return self.at(self._q)[0]
 
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the task coordinates at q (nq), and an empty X_k (0, 0)."""
-        robot = self.robot
-        return self.task.at(robot.model, self._data, robot.frame_id, q), self.X_k
-
-    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return the empty Ybar_k (m, 0)."""
-        return self.Y_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) by the motion."""
-        return self._rate
-
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
-        """Write nothing."""
-
-    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
-        """Return the empty parameters (0)."""
-        return self.initial
-
-    def value(self, robot: Robot) -> np.ndarray:
-        """Return the empty parameters (0), which fit every robot with this chain."""
-        return self.initial
-
-
-class ComKinematics(KnownKinematics):
+class ComKinematics(TaskKinematics):
     """Centre of mass of the robot as loaded, and orientation of its task frame."""
 
     task: ComTask
@@ -240,7 +207,7 @@ class ComKinematics(KnownKinematics):
         self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
 
 
-class JointKinematics(KnownKinematics):
+class JointKinematics(TaskKinematics):
     """x = q and J = I, of the joints with motors: no parameters, no singularities, no null space.
 
     With it a task-space law becomes the corresponding joint-space law.

@@ -24,6 +24,7 @@ from ..description.chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
+    is_independent,
     reduced,
 )
 from ..description.description import Description, Source, describe
@@ -31,7 +32,7 @@ from ..description.floating_base import BASE_JOINTS, with_base_joints
 from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
-from ..exceptions import RobotError, did_you_mean
+from ..exceptions import RobotError
 from ..tasks.frame import COM, IMAGE, TASKS, ComTask, FrameTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
@@ -134,7 +135,8 @@ def load(
             move independently there.
     """
     instance(frame, str | None, "frame", RobotError)
-    instance(task, str | None, "task", RobotError)
+    if task is not None:
+        word(task, (*TASKS, IMAGE, JOINT), "task")
     named: list[str | None] = [*name_list(frames, "frames", RobotError)]
     if frame is not None and named:
         raise RobotError("give one frame, or several, not both.", where="frames")
@@ -282,9 +284,8 @@ def _load_chain(
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    plane = MountingPlane()
-    if not (welded or found.catalogued or whole or others):
+    tip, plane = frame_id(model, frame), MountingPlane()
+    if not (floating or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
@@ -292,7 +293,7 @@ def _load_chain(
         constraints = *follow, *constraints
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
-        chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
+        chosen, home = _task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
         tips = [*several.values()]
         chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
@@ -315,7 +316,7 @@ def _load_chain(
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in (frame, *others)),
         locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
-        welded=welded and not free,
+        welded=bool(floating) and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
         constraints=constraints,
@@ -360,14 +361,17 @@ def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model, origin, stated = robot.model, robot.origin, dict[str, Any]()
-    for name in ("armature", *FRICTION_ATTRIBUTES):
-        every = {} if origin is None else origin.urdf.joint_effects(name)
-        stated[name] = {joint: x for joint, x in every.items() if joint in robot.joint_names}
-    armature = np.array(model.armature)
-    for joint, value in stated.pop("armature").items():
-        armature[robot.joint_names.index(joint)] = value
-    friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
+    model, names = robot.model, robot.joint_names
+    every = {} if robot.origin is None else robot.origin.urdf.joint_effects()
+    own = {joint: every.get(joint, {}) for joint in names}
+    armature = [own[n].get("armature", x) for n, x in zip(names, model.armature, strict=True)]
+    special: Any = {
+        attribute: {
+            joint: stated[attribute] for joint, stated in own.items() if attribute in stated
+        }
+        for attribute in FRICTION_ATTRIBUTES
+    }
+    friction = Friction(np.array(model.damping), np.array(model.friction), **special)
     return robot.changed(armature=armature, friction=friction)
 
 
@@ -389,11 +393,12 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     for index, frame in enumerate(model.frames):
         if frame.type in ENDS and (index not in parents or carried[index] >= 2):
             joint, name = frame.parentJoint, str(frame.name)
-            joints, depth = _independent_joints(model, mimics, joint), len(model.supports[joint])
+            chain, depth = chain_joints(model, index), len(model.supports[joint])
+            moves = all(is_independent(model, each, mimics) for each in chain)
             behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
             palm = carried[index] >= 2 and behind < depth - 1
-            if joints >= 2 and (palm or index not in parents):
-                found.append((*_rank(name.lower(), palm, joints), index, name))
+            if moves and len(chain) >= 2 and (palm or index not in parents):
+                found.append((*_rank(name.lower(), palm, len(chain)), index, name))
     return [name for *_, name in sorted(found)]
 
 
@@ -406,11 +411,7 @@ def limbs(robot: Robot) -> list[str]:
     assert robot.drawn is not None
     model, found, taken = robot.drawn.whole, dict[str, int](), set[int]()
     for name in (robot.frame, *robot.ends):
-        own = {
-            j
-            for j in chain_joints(model, frame_id(model, name))
-            if not is_free_flyer(model.joints[j])
-        }
+        own = set(chain_joints(model, frame_id(model, name)))
         new = own - taken
         if len(new) >= max(2, len(own) // 2 + 1) and not _SENSOR.search(name.lower()):
             found[name], taken = len(new), taken | own
@@ -425,16 +426,6 @@ def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
     if _FINGER.search(name) and not palm:
         return 2, not tool, joints
     return 0 if tool else 1, not palm, -joints
-
-
-def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
-    """Return how many joints move the body of a joint, 0 if one of them is not supported."""
-    joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
-    try:
-        check_joints(model, joints, mimics)
-    except RobotError:
-        return 0
-    return len(joints)
 
 
 # The choice of a task
@@ -459,20 +450,21 @@ def choose_task(
         plane: the mounting plane, from which the home pose keeps a distance.
 
     Raises:
-        RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
+        RobotError: too few joints, or a task Jacobian that is always singular.
     """
-    refused = RobotError("no task is possible.", where="task")
-    planes = (PLANES,) if len(frames) == 1 else ()
-    for names in ((task,),) if task is not None else (("xyz",), *planes):
-        found = []
-        for name in names:
-            try:
-                found.append(_with_home(model, frames, name, poses, plane))
-            except RobotError as error:
-                refused = error
-        if found:
-            return max(found, key=lambda each: each[0])[1:]
-    raise refused
+    first, found = task or "xyz", []
+    try:
+        return _with_home(model, frames, first, poses, plane)[1:]
+    except RobotError as error:
+        refused = error
+    for name in PLANES if task is None and len(frames) == 1 else ():
+        try:
+            found.append(_with_home(model, frames, name, poses, plane))
+        except RobotError as error:
+            refused = error
+    if not found:
+        raise refused
+    return max(found, key=lambda each: each[0])[1:]
 
 
 def _with_home(
@@ -483,7 +475,7 @@ def _with_home(
     plane: MountingPlane,
 ) -> tuple[float, Task, np.ndarray]:
     """Return conditioning, task and home pose (nq) for the name of a task."""
-    task, count = task_named(name, model), len(frames)
+    task, count = _task_named(name, model), len(frames)
     if model.nv < count * task.size:
         names = "', '".join(str(model.frames[frame].name) for frame in frames)
         raise RobotError(
@@ -498,18 +490,6 @@ def _with_home(
     return conditioning(model, model.createData(), frames, task.rows, home)[1], task, home
 
 
-def task_named(name: str, model: pin.Model) -> Task:
-    """Return a task of a chain by its name: one of ``TASKS``, or "joint".
-
-    Raises:
-        RobotError: unknown name; the message suggests the nearest.
-    """
-    if name == JOINT:
-        return JointTask.of_joints(model)
-    if name not in TASKS:
-        names = [*TASKS, JOINT]
-        raise RobotError(
-            f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
-            where="task",
-        )
-    return TASKS[name]
+def _task_named(name: str, model: pin.Model) -> Task:
+    """Return a task of a chain by its name: one of ``TASKS``, or "joint"."""
+    return JointTask.of_joints(model) if name == JOINT else TASKS[name]
