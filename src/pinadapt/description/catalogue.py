@@ -91,14 +91,8 @@ def catalogue_entry(name: str) -> CatalogueEntry:
 def robots_folder() -> Path:
     """Return the folder ``robots``: inside the package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    for folder in (package / "robots", package.parents[1] / "robots"):
-        if (folder / "catalogue.toml").is_file():
-            return folder
-    raise RobotError(
-        "the folder 'robots' with the file catalogue.toml is missing from this installation.",
-        where=str(package),
-        hint="Install pinadapt again.",
-    )
+    inside = package / "robots"
+    return inside if inside.is_dir() else package.parents[1] / "robots"
 
 
 def whole_names() -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
@@ -17,6 +16,8 @@ Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
 """A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
 Closures: TypeAlias = Sequence[tuple[str, str, int]]
 """Two frames that move alike, and in how many coordinates: 3 of position, or these and 3 angles."""
+Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Lower and upper limits (nv) [rad or m]."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
 
@@ -137,7 +138,7 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
 # Limits and size
 
 
-def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def position_limits(model: pin.Model) -> Bounds:
     """Return lower and upper joint limits (nv) [rad or m]; +-inf for joints without limits.
 
     URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
@@ -148,7 +149,7 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
 
-def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
     joints = model.joints[1:]
     at, turns = [joint.idx_q for joint in joints], [joint.nq > 1 for joint in joints]
@@ -157,7 +158,7 @@ def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def position_bounds(model: pin.Model) -> Bounds:
     """Return finite bounds (nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
     lower, upper = position_limits(model)
     half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
@@ -176,20 +177,6 @@ def velocity_limits(model: pin.Model) -> np.ndarray:
 
 def _limits(stated: np.ndarray) -> np.ndarray:
     return np.where((stated > 0.0) & (stated < LARGEST), stated, np.inf)
-
-
-def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
-    """Warn if joint positions (nv) [rad or m] of a home pose are outside the joint limits."""
-    lower, upper = position_limits(model)
-    off = np.abs(angles - np.clip(angles, lower, upper)) > 1e-8
-    outside = [
-        f"joint '{model.names[j + 1]}' at {angles[j]:.6g}, limits {lower[j]:.6g} to {upper[j]:.6g}"
-        for j in np.flatnonzero(off).tolist()
-    ]
-    if outside:
-        warnings.warn(
-            f"q0 is outside the joint limits [rad or m]: {'; '.join(outside)}.", stacklevel=3
-        )
 
 
 def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> float:

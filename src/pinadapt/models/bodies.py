@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, name_list
+from .._checks import name_list
 from ..description.chain import is_physical
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
@@ -64,7 +64,6 @@ class BodyDynamics(Dynamics):
         Raises:
             RobotError: unknown joint.
         """
-        instance(robot, Robot, "robot", RobotError)
         self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)

@@ -6,7 +6,6 @@ A camera sees the frame at y = (N phi(q)) / z with the depth z = D phi(q), in th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
 from .linear_kinematics import BOUND
 from .projected_kinematics import ProjectedKinematics
-from .translations import Translation
+from .translations import Words
 
 CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
@@ -36,7 +35,7 @@ class CameraKinematics(ProjectedKinematics):
     task: ImageTask
     affine = False
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:

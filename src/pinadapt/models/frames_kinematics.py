@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,9 +41,7 @@ class FramesKinematics(TaskKinematics):
             )
         self._take(robot, robot.task, words)
         self._parts = [FrameKinematics(robot.of_frame(name), words) for name in robot.frames]
-        ends = np.cumsum([0, *(part.size for part in self._parts)]).tolist()
-        self._own = [slice(*both) for both in pairwise(ends)]
-        self.size = ends[-1]
+        self.size = sum(part.size for part in self._parts)
         named = zip(robot.frames, self._parts, strict=True)
         self.names = tuple(f"{frame}.{name}" for frame, part in named for name in part.names)
         self.translations = [each for part in self._parts for each in part.translations]
@@ -56,10 +53,9 @@ class FramesKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        parts = self._parts
-        for part, own in zip(parts, self._own, strict=True):
-            part.update(a_k[own], q, v)
-        self.a_k = a_k
+        self.a_k, parts = a_k, self._parts
+        for part, own in self._each(a_k):
+            part.update(own, q, v)
         self.J = self.task.joined([part.J for part in parts])
         self.xd_hat = self.task.joined([part.xd_hat for part in parts])
         self.Jdot_v = self.task.joined([part.Jdot_v for part in parts])
@@ -67,12 +63,16 @@ class FramesKinematics(TaskKinematics):
         self.X_k = self._blocks([part.X_k for part in parts])
         self.Y_k = self._blocks([part.Y_k for part in parts])
 
+    def _each(self, a_k: np.ndarray) -> Iterable[tuple[FrameKinematics, np.ndarray]]:
+        """Return the kinematics of each frame with its parameters among a_k (p)."""
+        return zip(self._parts, a_k.reshape(len(self._parts), -1), strict=True)
+
     def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return rows of all frames, given the columns that the parameters of each have."""
-        wide = [np.zeros((len(part), self.size)) for part in parts]
-        for rows, part, own in zip(wide, parts, self._own, strict=True):
-            rows[:, own] = part
-        return self.task.joined(wide)
+        k, (rows, p) = len(parts), parts[0].shape
+        wide = np.zeros((k, rows, k, p))
+        wide[range(k), :, range(k)] = parts
+        return self.task.joined(list(wide.reshape(k, rows, -1)))
 
     @property
     def x_hat(self) -> np.ndarray:
@@ -86,8 +86,7 @@ class FramesKinematics(TaskKinematics):
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate."""
-        pairs = zip(self._parts, self._own, strict=True)
-        return self.task.joined([part.jacobian_rate(a_k_rate[own]) for part, own in pairs])
+        return self.task.joined([part.jacobian_rate(own) for part, own in self._each(a_k_rate)])
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
@@ -101,10 +100,9 @@ class FramesKinematics(TaskKinematics):
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the tools of an estimate a_k (p) into a model of the robot."""
-        for part, own in zip(self._parts, self._own, strict=True):
-            part.write(model, a_k[own])
+        for part, own in self._each(a_k):
+            part.write(model, own)
 
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the tools (p) of a model of the robot."""
-        pairs = zip(self._parts, self._own, strict=True)
-        return np.concatenate([part.read(model, a_k[own]) for part, own in pairs])
+        return np.concatenate([part.read(model, own) for part, own in self._each(a_k)])

@@ -13,11 +13,11 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance, name_list, word
+from .._checks import name_list, word
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .inertial_model import InertialModel
@@ -91,7 +91,6 @@ class JointEffects:
         Raises:
             InputError: as ``chosen_kinds``, or a joint that does not exist.
         """
-        instance(robot, Robot, "robot", RobotError)
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)

@@ -27,11 +27,11 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import ROUNDING, instance
+from .._checks import ROUNDING
 from .._kernels import models as kernels
 from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .regressor import SAMPLES, live_array, random_states
@@ -40,6 +40,7 @@ from .translations import (
     FIRST,
     TOOL,
     Translation,
+    Words,
     placed_values,
     placement_of,
     unknown_translations,
@@ -372,7 +373,7 @@ class FrameKinematics(LinearKinematics):
     For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations.
     """
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         ``unknown="geometry"`` chooses every placement, as ``columns_of_geometry``.
@@ -381,7 +382,7 @@ class FrameKinematics(LinearKinematics):
             ParameterError, RobotError: as ``unknown_translations``, or the geometry with a task
                 that is not one of positions alone.
         """
-        task = instance(robot, Robot, "robot", RobotError).frame_task
+        task = robot.frame_task
         whole = isinstance(unknown, str) and unknown == GEOMETRY
         if whole and not isinstance(task, PositionTask):
             raise ParameterError(

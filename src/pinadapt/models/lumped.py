@@ -14,13 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .basis import FittedDynamics, independent_columns
 from .inertial_model import VirtualChains
 from .regressor import LABELS, PER_BODY, Regressor, State, random_states
-from .translations import LENGTHS, Translation, place, unknown_translations
+from .translations import LENGTHS, Translation, Words, place, unknown_translations
 
 
 def lumped_base(
@@ -67,14 +66,13 @@ class LumpedDynamics(FittedDynamics):
         translations: the unknown joint translations; the tool's has no effect on the dynamics.
     """
 
-    def __init__(self, robot: Robot, lengths: str | Sequence[str | Translation] = LENGTHS) -> None:
+    def __init__(self, robot: Robot, lengths: Words = LENGTHS) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
             ParameterError: no joint translation is unknown.
             RobotError: unknown joint.
         """
-        instance(robot, Robot, "robot", RobotError)
         parts = unknown_translations(robot, lengths)
         self.translations = [part for part in parts if part.joint is not None]
         if not self.translations:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..robot.robot import Robot
 from .linear_kinematics import OFF, LinearKinematics, columns_of_translations
-from .translations import Translation, unknown_translations
+from .translations import Words, unknown_translations
 
 
 class ProjectedKinematics(LinearKinematics):
@@ -34,9 +34,7 @@ class ProjectedKinematics(LinearKinematics):
 
     calibrated = False
 
-    def _project(
-        self, robot: Robot, unknown: str | Sequence[str | Translation], camera: Sequence[int]
-    ) -> None:
+    def _project(self, robot: Robot, unknown: Words, camera: Sequence[int]) -> None:
         """Take a nominal robot, its unknown translations, and the camera of each row, if any."""
         self._take(robot, robot.frame_task, unknown)
         self.translations = unknown_translations(robot, unknown)

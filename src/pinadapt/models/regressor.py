@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
@@ -44,12 +43,8 @@ class Regressor:
     """
 
     def __init__(self, model: pin.Model) -> None:
-        """Copy a model; its inertias are not used.
-
-        Raises:
-            InputError: not a Pinocchio model.
-        """
-        self._model = instance(model, pin.Model, "model").copy()
+        """Copy a model; its inertias are not used."""
+        self._model = model.copy()
         self._weightless = self._model.copy()
         self._weightless.gravity.linear = np.zeros(3)
         self._data, n = self._model.createData(), model.nv  # scratch for both

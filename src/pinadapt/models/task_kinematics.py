@@ -15,7 +15,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import ComTask
 from ..tasks.task import JointTask, Task
 from .right_inverse import RightInverse
-from .translations import Translation
+from .translations import Translation, Words
 
 
 class TaskKinematics(ABC):
@@ -76,14 +76,14 @@ class TaskKinematics(ABC):
 
     _rate: np.ndarray
     constraints: Constraints | None = None
-    unknown: str | Sequence[str | Translation] = ()
+    unknown: Words = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         arguments: tuple[Any, ...] = (self.robot, self.unknown)
         return type(self), arguments, {"constraints": self.constraints}
 
-    def _take(self, robot: Robot, task: Any, unknown: str | Sequence[str | Translation]) -> None:
+    def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""
         self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
         self.joint_names, self.frame = robot.joint_names, robot.frame
@@ -166,7 +166,7 @@ class TaskKinematics(ABC):
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         return self.initial
 
-    def _know(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
+    def _know(self, robot: Robot, task: Task, unknown: Words) -> None:
         """Take a nominal robot and a task without parameters; ``unknown`` must be empty.
 
         Raises:
@@ -192,7 +192,7 @@ class ComKinematics(TaskKinematics):
 
     task: ComTask
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Use a nominal robot with the task "com"; ``unknown`` must be empty.
 
         Raises:
@@ -215,7 +215,7 @@ class JointKinematics(TaskKinematics):
 
     task: JointTask
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Use a nominal robot with a joint task; ``unknown`` must be empty.
 
         Raises:

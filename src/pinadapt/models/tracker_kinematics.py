@@ -7,7 +7,6 @@ needs to remain a rotation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import pinocchio as pin
 from ..robot.robot import Robot
 from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
-from .translations import Translation
+from .translations import Words
 
 TRACKER = "tracker"
 _FARTHEST = 1e3  # [m] of the frame at home from the tracker
@@ -46,7 +45,7 @@ class TrackerKinematics(ProjectedKinematics):
     uncalibrated visual servoing.
     """
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -42,6 +43,10 @@ class Translation:
         return len(self.labels)
 
 
+Words: TypeAlias = "str | Sequence[str | Translation]"
+"""One unknown translation or several, see ``unknown_translations``."""
+
+
 def placed_values(
     model: pin.Model, frame: int, translations: Sequence[Translation]
 ) -> list[np.ndarray]:
@@ -69,9 +74,7 @@ def place(
         first += part.size
 
 
-def unknown_translations(
-    robot: Robot, unknown: str | Sequence[str | Translation]
-) -> list[Translation]:
+def unknown_translations(robot: Robot, unknown: Words) -> list[Translation]:
     """Return the translations that a user's words name; Translation objects pass unchanged.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, vector
+from .._checks import vector
 from ..exceptions import RobotError
 from .robot import Robot
 
@@ -33,7 +33,7 @@ class BaseFromLegs:
         Raises:
             RobotError: it has fewer than three, or soles.
         """
-        contacts = instance(robot, Robot, "robot").contacts
+        contacts = robot.contacts
         if len(contacts) < 3 or any(contact.sole is not None for contact in contacts):
             raise RobotError("legs tell where a base is by three point feet.", where="contacts")
         self._model, self._data = robot.model, robot.model.createData()

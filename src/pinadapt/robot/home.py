@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..description.chain import (
+    Bounds,
     angles_from_configuration,
     configuration_from_angles,
     position_bounds,
@@ -170,7 +171,7 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 
-def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
+def _off_limits(limits: Bounds, angles: np.ndarray) -> np.ndarray:
     """Return the least distance of joint positions (..., nv) from a limit, relative to the range.
 
     It is infinite if no joint has limits.

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, joint_numbers, vector, word
+from .._checks import joint_numbers, vector, word
 from ..description.chain import effort_limits
 from ..exceptions import GainError, InputError
 from .robot import Robot
@@ -219,7 +219,6 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     Raises:
         GainError: wrong size, or limits that are not positive.
     """
-    instance(robot, Robot, "robot")
     if limits is None or limits is False:
         return None
     n = robot.model.nv
@@ -255,7 +254,6 @@ class Gravity:
 
     def __init__(self, robot: Robot) -> None:
         """Take the nominal robot, without unknown loads or tools."""
-        instance(robot, Robot, "robot")
         self._robot, self._data = robot, robot.model.createData()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +14,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, whole
+from .._checks import (
+    ROUNDING,
+    flag,
+    instance,
+    joint_numbers,
+    mapping,
+    numbers,
+    positive,
+    vector,
+    whole,
+)
 from .._output import Report, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -26,7 +37,6 @@ from ..description.chain import (
     reach,
     reduced,
     velocity_limits,
-    warn_beyond_limits,
 )
 from ..description.floating_base import BASE_JOINTS
 from ..description.mjcf import mjcf_text
@@ -245,7 +255,10 @@ class Robot:
             RobotError: wrong size or non-finite numbers.
         """
         angles = vector(q0, self.model.nv, "q0", names=self.joint_names, error=RobotError)
-        warn_beyond_limits(self.model, angles)
+        off = np.abs(angles - np.clip(angles, *position_limits(self.model))) > ROUNDING
+        if off.any():
+            outside = ", ".join(np.array(self.joint_names)[off])
+            warnings.warn(f"q0 is outside the joint limits of {outside}.", stacklevel=2)
         return replace(self, q0=configuration_from_angles(self.model, angles))
 
     def changed(
@@ -555,10 +568,8 @@ class Succession:
     @property
     def words(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and short description of each change."""
-        pairs = zip(self.robots, self.robots[1:], strict=False)
-        return tuple(
-            (time, difference(*pair)) for time, pair in zip(self.times, pairs, strict=True)
-        )
+        changes = zip(self.times, self.robots, self.robots[1:], strict=False)
+        return tuple((time, difference(before, after)) for time, before, after in changes)
 
 
 def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:
