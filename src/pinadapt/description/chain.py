@@ -200,12 +200,6 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
     return float(length or (upper - lower).sum())
 
 
-def _steps(model: pin.Model, frame: int) -> list[np.ndarray]:
-    """Return the way (3) [m] from each joint to the next, and from the last one to a frame."""
-    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
-    return [placement.translation for placement in placements]
-
-
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of |J_i|, column by column of the frame's Jacobian, over all configurations.
 
@@ -223,7 +217,8 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     low, high = position_limits(model)
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
-    steps, linear = _steps(model, frame), np.ones(model.nv)
+    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    steps, linear = [place.translation for place in placements], np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
         first = np.linalg.norm(np.cross(axes[:, i], data.oMi[i + 1].rotation @ steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))

@@ -210,13 +210,10 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction = robot.friction
-    joints = [robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])]
-    values = np.zeros((len(KINDS), robot.model.nv + len(friction.shafts)))
-    values[:, : robot.model.nv] = joints
-    for own, part in zip(values.T[robot.model.nv :], friction.shafts, strict=True):
-        own[:_OF_SHAFTS] = part.armature, part.viscous, part.coulomb
-    return values
+    friction, armature = robot.friction, robot.model.armature
+    joints = np.array([armature, *(getattr(friction, kind) for kind in KINDS[1:])])
+    shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
+    return np.column_stack([joints, *shafts])
 
 
 def without_joint_effects(robot: Robot) -> Robot:

@@ -420,15 +420,17 @@ class Constraints:
         """
         A, _ = self._last[1]
         rows, rate = np.zeros((2, len(A)))
-        x = np.array([self.data.oMf[foot].translation for foot in self._feet])
-        first, velocity = len(rows) - x.size, (A @ v)[len(rows) - x.size :].reshape(x.shape)
-        air = ~feet.stands
-        u, ud = (
-            feet.xd_d - alpha * (x - feet.x_d),
-            feet.xdd_d - alpha * (velocity - feet.xd_d),
-        )
-        rows[first:].reshape(x.shape)[air], rate[first:].reshape(x.shape)[air] = u[air], ud[air]
+        x, own = self._x(), slice(len(A) - 3 * len(self._feet), None)
+        u = feet.xd_d - alpha * (x - feet.x_d)
+        ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
+        still = feet.stands[:, None]
+        rows[own], rate[own] = np.where(still, 0.0, u).ravel(), np.where(still, 0.0, ud).ravel()
         return rows, rate
+
+    def _x(self) -> np.ndarray:
+        """Return where the contacts are (c, 3), of the last ``at``."""
+        places = [self.data.oMf[foot].translation for foot in self._feet]
+        return np.array(places).reshape(-1, 3)
 
     def footing(
         self, before: np.ndarray, stands: np.ndarray | None, dt: float
@@ -443,7 +445,7 @@ class Constraints:
             stands: (c) which contacts stand; None: all.
             dt: time since then [s].
         """
-        x = np.array([self.data.oMf[foot].translation for foot in self._feet]).reshape(-1, 3)
+        x = self._x()
         old = np.where(np.isnan(before), x, before) if len(before) else x
         if stands is not None:
             old = np.where(stands[:, None], old, np.nan)

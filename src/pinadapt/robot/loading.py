@@ -305,7 +305,13 @@ def _load_chain(
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     home = consistent(model, home, constraints)
     constraints = independent(model, home, constraints)
-    model = _regular(model, home, found.name)
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
+    at = [home, *(configuration_from_angles(model, sample) for sample in samples)]
+    try:
+        check_mass_matrix(model, at)
+    except RobotError:
+        model = with_solid_points(model, found.name)
+        check_mass_matrix(model, at)
     robot = Robot(
         found.name,
         model,
@@ -338,25 +344,6 @@ def _load_chain(
             hint="Name joints without a motor, passive=[...], fewer frames, or another q0.",
         )
     return robot if q0 is None or constraints else robot.at(q0)
-
-
-def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
-    """Return a model, or one with balls for its point masses if its mass matrix is singular.
-
-    Raises:
-        RobotError: it is singular for other reasons.
-    """
-    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
-    at = [home, *(configuration_from_angles(model, sample) for sample in samples)]
-    try:
-        check_mass_matrix(model, at)
-    except RobotError:
-        solid = with_solid_points(model, name)
-        if solid is None:
-            raise
-        check_mass_matrix(solid, at)
-        return solid
-    return model
 
 
 def _with_joint_effects(robot: Robot) -> Robot:
