@@ -237,16 +237,12 @@ def _fill_gaps(root: ElementTree.Element, where: str) -> None:
         if name not in known:
             undefined.append(name)
             ElementTree.SubElement(root, "link", name=name)
-    if unlimited:
-        warnings.warn(
-            f"{where}: no limit is stated, taken as unlimited: {', '.join(unlimited)}.",
-            stacklevel=3,
-        )
-    if undefined:
-        warnings.warn(
-            f"{where}: missing parent link added without a body: {', '.join(undefined)}.",
-            stacklevel=3,
-        )
+    for gap, names in (
+        ("no limit is stated, taken as unlimited", unlimited),
+        ("missing parent link added without a body", undefined),
+    ):
+        if names:
+            warnings.warn(f"{where}: {gap}: {', '.join(names)}.", stacklevel=3)
 
 
 # XML

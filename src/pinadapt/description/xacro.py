@@ -95,7 +95,10 @@ class Packages:
         """Return the folder of a package, or None."""
         if name in self.named:
             return Path(self.named[name])
-        for place in (*self._above, *_ros_folders()):
+        first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+        second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        ros = [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
+        for place in (*self._above, *ros):
             for folder in (place, place / name):
                 if folder.name == name and folder.is_dir():
                     return folder
@@ -131,10 +134,3 @@ class Packages:
     def _above(self) -> list[Path]:
         folder = self.folder.resolve()
         return [folder, *folder.parents]
-
-
-def _ros_folders() -> list[Path]:
-    """Return the folders of packages that the environment variables of ROS 1 and ROS 2 list."""
-    first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-    second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]

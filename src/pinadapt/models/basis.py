@@ -12,7 +12,6 @@ M. Gautier, *Numerical calculation of the base inertial parameters of robots*, J
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,10 +98,8 @@ def read_matrix(path: Path) -> np.ndarray:
         ParameterError: no such file, or entries that are not numbers.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # of an empty file
-            matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
-    except (OSError, ValueError, UserWarning) as error:
+        matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
         raise ParameterError(
             f"expected a file of numbers separated by commas: {error}", where=str(path)
         ) from error

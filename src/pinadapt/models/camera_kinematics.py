@@ -7,6 +7,7 @@ A camera sees the frame at y = (N phi(q)) / z with the depth z = D phi(q), in th
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -58,11 +59,10 @@ class CameraKinematics(ProjectedKinematics):
         first = np.unique(self._camera, return_index=True)[1]
         return np.concatenate([(above / depth).ravel(), (below / depth)[first, :-1].ravel()])
 
-    def _described(self, robot: Robot) -> np.ndarray | None:
+    def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the cameras of a robot, as ``Robot.filmed_by`` gives."""
-        if not isinstance(robot.task, ImageTask):
-            return None
-        return self.parameters(robot.task, self.nominal + self.displacement(robot.model))
+        task: Any = robot.task
+        return self.parameters(task, self.nominal + self.displacement(robot.model))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""

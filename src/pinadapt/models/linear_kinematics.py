@@ -19,7 +19,6 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -311,23 +310,17 @@ class LinearKinematics(TaskKinematics):
         chain, (Phi, Phid) = self._now, self._now.motion
         return self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
 
-    @abstractmethod
-    def _described(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot, exact where other placements are the same.
-
-        None if it has no such sensor.
-        """
+    def _described(self, robot: Robot) -> np.ndarray:
+        """Return the parameters (p) of a robot, exact where other placements are the same."""
+        return self.read(robot.model, self.initial)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain.
 
-        None if no parameters give that robot's coordinates, because other placements differ, or if
-        it has no such sensor. A constant rotation between the frame and the marker that a tracker
-        sees has no effect.
+        None if no parameters give that robot's coordinates, because other placements differ. A
+        constant rotation between the frame and the marker that a tracker sees has no effect.
         """
         m, start = self.positions, self._described(robot)
-        if start is None:
-            return None
         rows, off = [], []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(start, q, self._still)
@@ -412,10 +405,6 @@ class FrameKinematics(LinearKinematics):
     def units(self) -> tuple[str, ...]:
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
-
-    def _described(self, robot: Robot) -> np.ndarray:
-        """Return the parameters (p) of the placements of a robot."""
-        return self.read(robot.model, self.initial)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the placements of an estimate a_k (p) into a model of the chain."""

@@ -163,8 +163,11 @@ def load(
             where="base",
             hint='base="free".',
         )
-    ends, whole = end_links(found.model, found.mimics), free or bool(closed)
-    whole = whole or (known is None and task == JOINT) or _hangs_in_loops(found, known)
+    ends, moving = end_links(found.model, found.mimics), list[int]()
+    if known is not None and found.closures:
+        moving = chain_joints(found.model, frame_id(found.model, known))
+    hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
+    whole = free or bool(closed) or hangs or (known is None and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
@@ -196,14 +199,6 @@ def load(
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
-
-
-def _hangs_in_loops(found: Description, frame: str | None) -> bool:
-    """Return whether a frame is moved by joints without a motor of a description with loops."""
-    if frame is None or not found.closures:
-        return False
-    moving = chain_joints(found.model, frame_id(found.model, frame))
-    return not {str(found.model.names[joint]) for joint in moving}.isdisjoint(found.passive)
 
 
 def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:

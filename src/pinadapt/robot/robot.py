@@ -311,8 +311,8 @@ class Robot:
             placement.translation += placement.rotation @ shift
         if armature is not None:
             model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
-        own = {"viscous": viscous, "coulomb": coulomb}
-        own = {name: value for name, value in own.items() if value is not None}
+        usual = (("viscous", viscous), ("coulomb", coulomb))
+        own: Any = {name: value for name, value in usual if value is not None}
         drag = self.friction if friction is None else friction
         if friction is not None or own:
             drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
