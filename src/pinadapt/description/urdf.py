@@ -146,12 +146,8 @@ class Urdf:
         """The mimic joints, which Pinocchio treats as independent."""
         found = {}
         for joint in self.root.findall("joint[mimic]"):
-            stated = joint.find("mimic")
-            assert stated is not None
-            ratio, offset = (
-                float(stated.get(name, default))
-                for name, default in (("multiplier", "1"), ("offset", "0"))
-            )
+            stated = child(joint, "mimic")
+            ratio, offset = float(stated.get("multiplier", "1")), float(stated.get("offset", "0"))
             found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
         return found
 

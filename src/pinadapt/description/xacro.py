@@ -122,12 +122,12 @@ class Packages:
     def find_files(self, root: ElementTree.Element) -> set[str]:
         """Make the paths of meshes and textures absolute; return the names that are not found."""
         missing = set()
-        for element in root.iter():
-            name = element.get("filename") if element.tag in ("mesh", "texture") else None
-            if name is not None and (file := self.file(name)) is not None:
-                element.set("filename", str(file))
-            elif name is not None:
+        for element in [*root.iter("mesh"), *root.iter("texture")]:
+            name = element.get("filename", "")
+            if (file := self.file(name)) is None:
                 missing.add(name)
+            else:
+                element.set("filename", str(file))
         return missing
 
     @property

@@ -24,6 +24,7 @@ from .._checks import (
     positive,
     vector,
     whole,
+    word,
 )
 from .._output import Report, Table, write_text
 from ..description.chain import (
@@ -140,11 +141,10 @@ class Robot:
         """Return this robot with one of its several task frames alone; all joints stay.
 
         Raises:
-            RobotError: it is none of them.
+            InputError: it is none of them.
         """
-        (own,) = changes.by_frame({frame: None}, self.frames, "frame")
         task = self.task.part if isinstance(self.task, FramesTask) else self.task
-        return replace(self, frame=own, task=task)
+        return replace(self, frame=word(frame, self.frames, "frame"), task=task)
 
     @property
     def motors(self) -> np.ndarray:
@@ -506,12 +506,10 @@ def robot_sheet(robot: Robot) -> Report:
         ("task", robot.task.name),
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
-        *(
-            (word, shorten(", ".join(names), 100, placeholder=" ..."))
-            for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
-            if names
-        ),
     ]
+    for label, names in (("other ends", robot.ends), ("locked joints", robot.locked)):
+        if names:
+            words.append((label, shorten(", ".join(names), 100, placeholder=" ...")))
     model = robot.model
     limits = *position_limits(model), velocity_limits(model), effort_limits(model)
     columns = zip(robot.slides.items(), *limits, robot.home_angles, strict=True)
@@ -578,9 +576,8 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
     Raises:
         InputError: not a mapping, or a time that is not positive and finite.
     """
-    given = mapping(changes, where)
-    times = {positive(time, where, error=InputError): time for time in given}
-    return {time: given[times[time]] for time in sorted(times)}
+    timed = mapping(changes, where).items()
+    return dict(sorted((positive(t, where, error=InputError), event) for t, event in timed))
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import product, takewhile
 from math import ceil, floor, log10, pi, sqrt
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -146,9 +147,8 @@ def find_circle(robot: Robot) -> Circle:
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
         for first, path in sorted(followed, key=lambda found: -found[0][0]):
-            runs = [first]
-            while len(runs) <= len(others) and (run := _follow(robot, others[len(runs) - 1], path)):
-                runs.append(run)
+            more = takewhile(bool, (_follow(robot, other, path) for other in others))
+            runs: list[Any] = [first, *more]
             if len(runs) > len(others):
                 slowest = max(float(run[1].max()) for run in runs)
                 period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), slowest)) / 10.0
