@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -30,38 +29,8 @@ Rows = tuple[np.ndarray, np.ndarray]
 """A (k, n) and its rate (k, n)."""
 
 
-class Constraint(ABC):
-    """Some rows of A; ``size`` of them."""
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of rows."""
-
-    @abstractmethod
-    def places(self, model: pin.Model) -> list[int]:
-        """Return the indices of its frames in a model, or of its joints in v.
-
-        Raises:
-            RobotError: there is no such frame or joint.
-        """
-
-    @abstractmethod
-    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
-        """Return the rows, with Jacobians, their variation and frames in ``data``.
-
-        ``at`` are the places.
-        """
-
-    @abstractmethod
-    def error(
-        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
-    ) -> np.ndarray:
-        """Return by how much each row is off at q (nq), NaN where any value will do."""
-
-
 @dataclass(frozen=True)
-class Contact(Constraint):
+class Contact:
     """A point foot or a sole that stands on the ground.
 
     Attributes:
@@ -110,7 +79,7 @@ class Contact(Constraint):
 
 
 @dataclass(frozen=True)
-class Loop(Constraint):
+class Loop:
     """Two frames that move as one body: a linkage that is closed, or two arms with one object.
 
     Attributes:
@@ -181,7 +150,7 @@ class Loop(Constraint):
 
 
 @dataclass(frozen=True)
-class Coupling(Constraint):
+class Coupling:
     """A joint that follows another one, q_j = ratio q_i + offset; it has no motor.
 
     Attributes:
@@ -196,14 +165,11 @@ class Coupling(Constraint):
     ratio: float = 1.0
     offset: float = 0.0
 
+    size = 1
+
     def __post_init__(self) -> None:
         """Refuse what is no number."""
         numbers([self.ratio, self.offset], "mimic", error=RobotError)
-
-    @property
-    def size(self) -> int:
-        """One row."""
-        return 1
 
     def places(self, model: pin.Model) -> list[int]:
         """Return the places in v of the joint and of the one that it follows."""
@@ -223,6 +189,12 @@ class Coupling(Constraint):
         return np.array([own - self.ratio * other - self.offset])
 
 
+Constraint: TypeAlias = Contact | Loop | Coupling
+"""Some rows of A: ``size`` of them, ``places`` of its frames in a model, or of its joints in v.
+
+``at`` returns the rows, with Jacobians, their variation and frames in ``data``; ``error`` by how
+much each row is off at q (nq), NaN where any value will do.
+"""
 Part = TypeVar("Part", Contact, Loop)
 
 
