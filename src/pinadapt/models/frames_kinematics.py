@@ -71,7 +71,8 @@ class FramesKinematics(TaskKinematics):
         """Return rows of all frames, given the columns that the parameters of each have."""
         k, (rows, p) = len(parts), parts[0].shape
         wide = np.zeros((k, rows, k, p))
-        wide[range(k), :, range(k)] = parts
+        for i, part in enumerate(parts):
+            wide[i, :, i] = part
         return self.task.joined(list(wide.reshape(k, rows, -1)))
 
     @property
