@@ -51,6 +51,11 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
     return links or [str(model.names[joint])]
 
 
+def massless_joints(model: pin.Model) -> list[int]:
+    """Return the indices of the joints that move a body without mass."""
+    return [i for i in range(1, model.njoints) if model.inertias[i].mass <= 0.0]
+
+
 def is_physical(pi: np.ndarray) -> bool:
     """Return whether ten inertial parameters pi (10) belong to a body with a mass distribution.
 
@@ -309,8 +314,7 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         if eigenvalues[0] >= 1e-10:
             continue
         weakest = int(np.argmax(np.abs(vectors[:, 0] / scale))) + 1
-        massless = [i for i, body in enumerate(model.inertias) if i and body.mass <= 0.0]
-        links = [links_of(model, joint)[0] for joint in massless or [weakest]]
+        links = [links_of(model, joint)[0] for joint in massless_joints(model) or [weakest]]
         raise RobotError(
             f"the mass matrix is singular or indefinite: {links} have no mass or inertia.",
             where=model.name,

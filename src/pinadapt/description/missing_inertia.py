@@ -1,9 +1,10 @@
 """Inertia for bodies that the description leaves without: solids of one common density.
 
 A body is everything that moves with one joint. A body without mass is modelled by its collision
-shapes, else by its visual shapes, a mesh by its convex hull. The mass of the robot minus the
-described mass is distributed with one density over these volumes. Every inertia is that of a solid
-and therefore physically consistent. A body without shapes stays without mass.
+shapes, else by its visual shapes, a mesh by its convex hull. A body without shapes is a rod from
+its joint to the furthest frame or joint fixed to the body, or a ball if that distance is zero. The
+mass of the robot minus the described mass is distributed with one density over these volumes. Every
+inertia is that of a solid and therefore physically consistent.
 """
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ import pinocchio as pin
 
 from .._checks import positive
 from ..exceptions import RobotError
-from .chain import links_of
+from .chain import links_of, massless_joints
+
+# radius of rods and balls, relative to the longest rod; half, twice: their mass is a quarter, four
+# times as large beside bodies with shapes
+_SLENDER = 0.05
 
 
 def with_inertias(
@@ -26,7 +31,7 @@ def with_inertias(
     mass: float,
     name: str,
 ) -> pin.Model:
-    """Return a copy of a model in which bodies with shapes have inertia, of a robot of this mass.
+    """Return a copy of a model in which all bodies have inertia and the robot has a given mass.
 
     The base counts as well: if it is described without mass, its shapes get their share, which does
     not affect the motion. A warning states the masses that were assigned.
@@ -38,11 +43,19 @@ def with_inertias(
         name: of the robot, for messages.
 
     Raises:
-        RobotError: the mass is not positive and finite, or not above the described mass; or no
-            moving body without mass has shapes.
+        RobotError: the mass is not positive and finite, or not above the described mass; or every
+            body has a mass already.
     """
-    described = sum(body.mass for body in model.inertias)
-    wanted = [i for i, body in enumerate(model.inertias) if body.mass <= 0.0]
+    lacking, described = massless_joints(model), sum(body.mass for body in model.inertias)
+    if not lacking or positive(mass, "mass", error=RobotError) <= described:
+        raise RobotError(
+            f"the description of '{name}' has {described:.4g} kg already, and {len(lacking)} "
+            f"moving bodies without mass; nothing of {mass:g} kg is left for them.",
+            where="mass",
+            hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
+            "Robot.changed(inertial_scale=...) scales the described masses.",
+        )
+    wanted = [*lacking, *[0] * (model.inertias[0].mass <= 0.0)]
     solids: dict[int, pin.Inertia] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
         placed, shapes = dict[int, pin.Inertia](), geometry(kind)
@@ -51,18 +64,14 @@ def with_inertias(
             if joint in wanted and (solid := _solid(part.geometry)) is not None:
                 placed[joint] = placed.get(joint, pin.Inertia.Zero()) + part.placement.act(solid)
         solids |= placed
-    if not any(solids) or positive(mass, "mass", error=RobotError) <= described:
-        raise RobotError(
-            f"the description of '{name}' has {described:.4g} kg already, and {len(solids)} bodies "
-            f"with shapes and without mass; nothing of {mass:g} kg is left for them.",
-            where="mass",
-            hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
-            "Robot.changed(inertial_scale=...) scales the described masses.",
-        )
-    density = (mass - described) / sum(solid.mass for solid in solids.values())
+    ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
+    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
+    rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
+    density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
     model, words = model.copy(), []
-    for joint, body in solids.items():
-        words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}")
+    for joint, body in (solids | rods).items():
+        rod = ", a rod or ball as it has no shapes" if joint in rods else ""
+        words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}{rod}")
         if joint > 0:
             model.inertias[joint] = pin.Inertia(
                 density * body.mass, body.lever, density * body.inertia
@@ -75,8 +84,8 @@ def with_inertias(
     return model
 
 
-def with_solid_points(model: pin.Model, name: str) -> pin.Model:
-    """Return a copy of a model with balls of aluminium for point masses, if it has some.
+def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
+    """Return a copy of a model with balls of aluminium for point masses; None if it has none.
 
     Descriptions round a small inertia to zero, and a joint about an axis through the mass then
     moves without inertia. A last body without mass, such as a flange, gets a ball of a hundredth of
@@ -96,19 +105,20 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model:
             ball.lever = body.lever
             model.inertias[joint] = ball
             words.append(f"{links_of(model, joint)[0]} {mass:.2g} kg")
-    if words:
-        warnings.warn(
-            f"{name}: these links are described without inertia and get that of a ball of "
-            f"aluminium: {', '.join(words)}.",
-            stacklevel=3,
-        )
+    if not words:
+        return None
+    warnings.warn(
+        f"{name}: these links are described without inertia and get that of a ball of aluminium: "
+        f"{', '.join(words)}.",
+        stacklevel=3,
+    )
     return model
 
 
 def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     """Return a shape, a mesh as its convex hull, as a solid of 1 kg/m^3; None without volume."""
     if isinstance(shape, coal.BVHModelBase):
-        vertices = shape.vertices()
+        vertices = np.asarray(shape.vertices())
         if np.linalg.matrix_rank(vertices - vertices.mean(axis=0), rtol=1e-6) < 3:
             return None  # coal ends the process where a mesh is flat
         shape.buildConvexHull(True, "Qt")
@@ -116,5 +126,22 @@ def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     volume = 0.0 if shape is None else shape.computeVolume()
     if not 0.0 < volume < np.inf:
         return None
-    moments = shape.computeMomentofInertiaRelatedToCOM()
-    return pin.Inertia(volume, shape.computeCOM(), moments)
+    moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
+    return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
+
+
+def _furthest(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the position (3) [m] of the joint or frame on a body furthest from its joint."""
+    fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
+    carried = [model.jointPlacements[child].translation for child in model.children[joint]]
+    return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
+
+
+def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
+    """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m]; a ball if it is short."""
+    length = float(np.linalg.norm(end))
+    if length <= radius:
+        return pin.Inertia.FromSphere(4.0 / 3.0 * np.pi * radius**3, radius)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
+    rod = pin.Inertia.FromCylinder(np.pi * radius**2 * length, radius, length)
+    return pin.SE3(turn, 0.5 * end).act(rod)

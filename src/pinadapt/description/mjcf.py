@@ -169,6 +169,8 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
             yield f"Pinocchio does not read <{element.tag}>"
         if float(element.get("mass", "0")) < 0.0:
             yield f"<{element.tag}> has a negative mass, {element.get('mass')} kg"
+    if root.find(".//default/equality[@active]") is not None:
+        yield "a default says whether an <equality> is active; it is not read"
     for body in root.iter("body"):
         if not body.get("name"):
             yield "a <body> has no name; Pinocchio ignores such bodies and all that they carry"

@@ -25,11 +25,11 @@ UNITS = "kg", "kg m", "kg m", "kg m", *("kg m^2" for label in LABELS if label.st
 class Regressor:
     """Y (n, 10 n) with M a + C v + g = Y pi, without rotor inertias and friction.
 
-    It depends on the placements of the joints in the model, which may be any tree of joints of one
-    degree of freedom. Its two momentum regressors need no acceleration, M a + C v + g = d/dt (Y_M
-    pi) + Y_0 pi: Y_M pi = M v is the momentum and Y_0 pi = g - C^T v, with dM/dt = C + C^T. Let H_i
-    be the spatial momentum of all bodies that joint i moves, and J_i its axis, both in world axes.
-    The torque is J_i^T (dH_i/dt + weight), hence
+    It depends on the placements of the joints in the model, which may be any tree, also with a
+    floating base: (n, 10 N) for N bodies then. Its two momentum regressors need no acceleration,
+    M a + C v + g = d/dt (Y_M pi) + Y_0 pi: Y_M pi = M v is the momentum and Y_0 pi = g - C^T v,
+    with dM/dt = C + C^T. Let H_i be the spatial momentum of all bodies that coordinate i moves, and
+    J_i its axis, both in world axes. The torque is J_i^T (dH_i/dt + weight), hence
 
         (M v)_i = J_i^T H_i,        (C^T v)_i = (dJ_i/dt)^T H_i.
 
@@ -50,10 +50,15 @@ class Regressor:
         self._data, n = self._model.createData(), model.nv  # scratch for both
         self._zero = np.zeros(n)
         self._many = n > 1
-        self._shape = (n, PER_BODY * n)  # Pinocchio returns a single row as a vector
+        self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
         oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
-        moved = [(body, joint - 1) for body in range(n) for joint in model.supports[body + 1][1:]]
-        bodies, joints = np.array(moved, dtype=np.int64).T.copy()
+        moved = [
+            (body - 1, column)
+            for body in range(1, model.njoints)
+            for joint in list(model.supports[body])[1:]
+            for column in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+        ]
+        bodies, columns = np.array(moved, dtype=np.int64).T.copy()
         self._chain = (
             live_array([placement.rotation for placement in oMi]),
             live_array([placement.translation for placement in oMi]),
@@ -61,7 +66,7 @@ class Regressor:
             self._data.J.reshape(6, n),
             self._data.dJ.reshape(6, n),
             bodies,
-            joints,
+            columns,
             np.array(model.gravity.linear),
         )
 
@@ -134,9 +139,14 @@ def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
 
     Pinocchio stores placements and motions of all joints in contiguous vectors and returns a view
     of each; a kernel reads them as one array. It is valid as long as the model or data exists.
+
+    Raises:
+        ValueError: the views are not at equal distances in memory.
     """
-    places = [view.__array_interface__["data"][0] for view in (views[0], views[-1])]
-    first, distance = views[0], (places[1] - places[0]) // max(len(views) - 1, 1)
+    places = np.array([view.__array_interface__["data"][0] for view in views])
+    first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
+    if (np.diff(places) != distance).any():
+        raise ValueError("the views are not at equal distances in memory.")
     return np.lib.stride_tricks.as_strided(
         first, (len(views), *first.shape), (distance, *first.strides), writeable=False
     )

@@ -189,6 +189,8 @@ class Shaft:
             joint_id(model, each, where) - 1 if isinstance(each, str) else each
             for each in self.joints
         )
+        if not 0 <= max(first, second) < model.nv:
+            raise RobotError(f"there are {model.nv} joints, got {self.joints}.", where=where)
         return replace(self, joints=(first, second))
 
     def name(self, joints: Sequence[str]) -> str:
@@ -327,7 +329,17 @@ class Friction:
         return replace(self, coulomb=coulomb, gear_friction=np.zeros(coulomb.size))
 
     def torque(self, v: np.ndarray) -> np.ndarray:
-        """Return tau_f (nv) [N m or N] at joint velocity v (nv), of a load only as of ``under``."""
+        """Return tau_f (nv) [N m or N] at joint velocity v (nv), of a load only as of ``under``.
+
+        Raises:
+            RobotError: the friction depends on the gravity torque.
+        """
+        if self.loaded:
+            raise RobotError(
+                "this friction depends on the gravity torque.",
+                where="friction.gear_friction",
+                hint="friction.under(g).torque(v) takes the gravity torque g.",
+            )
         threshold, excess, rate = self.shape
         sigma = np.tanh(v / threshold) * (1.0 + excess * np.exp(-np.abs(v) * rate))
         tau = self.viscous * v + self.coulomb * sigma + self.asymmetry * np.abs(sigma) + self.offset
