@@ -368,7 +368,7 @@ class FilteredRegressor:
 
     The torque is affine in the parameters, M qdd + C qd + g + friction = Y a_d + tau_0, but its
     regressor needs qdd. Through F = lambda / (p + lambda) it does not: with the momentum form
-    tau = d/dt (Y_M a_d) + Y_0 a_d (see ``MomentumRegressor``) and F p = lambda (1 - F),
+    tau = d/dt (Y_M a_d) + Y_0 a_d (see ``Regressor``) and F p = lambda (1 - F),
 
         W = F Y = lambda Y_M - F (lambda Y_M - Y_0),        y = F (tau - tau_0).
 

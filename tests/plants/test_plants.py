@@ -130,7 +130,7 @@ def wheel(inertia):
     body = pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3))
     joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "axle")
     model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction.none(1))
+    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction().of(model))
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-2, 1.0, 100.0])

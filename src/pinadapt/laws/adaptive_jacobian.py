@@ -122,7 +122,7 @@ class AdaptiveJacobian(TaskFeedback):
         Y_r, feedforward = model.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         torque = feedforward - (self.K_v.dot(s.xd_hat - s.xd_d) + self.K_P.dot(s.dx)).dot(s.J)
-        s.inverse.subtract_null_damping(self.posture.damping, error, torque)
+        torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
         return Command(torque, Drives(Drive(Y_r, error), kinematic))
 
     def storage(self, s: Signals, truth: Truth) -> float:

@@ -17,6 +17,7 @@ from ..description.chain import effort_limits
 from ..exceptions import ImplausibleError, InputError, ParameterError
 from ..information.information import MotionTorques, TorquePrediction, motion_torques
 from ..laws.law import Truth
+from ..models.basis import base_parameters
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
 from ..tasks.frame import ImageTask
@@ -462,7 +463,8 @@ class Recording:
     @cached_property
     def kinematic_base(self) -> int:
         """Number of combinations of the kinematic parameters that motion can identify."""
-        return self.evaluated().controller.kinematics.base()
+        kinematics = self.evaluated().controller.kinematics
+        return base_parameters(kinematics, kinematics.robot).size
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:

@@ -265,7 +265,6 @@ class Template:
             "contacts": [contact.frame for contact in robot.contacts] or None,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
-            "weld_root": robot.welded or None,
             "locked": [],
             "q0": significant(robot.home_angles.round(12), digits=12),
         }

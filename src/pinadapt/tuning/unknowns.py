@@ -28,7 +28,7 @@ from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
-from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
+from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
 from ..robot.robot import Robot
 from ..tasks.frame import ComTask, ImageTask
 from ..tasks.several_frames import FramesTask
@@ -50,8 +50,6 @@ WORDS = (
     *EFFECTS,
 )
 _FRICTION = ("viscous", "coulomb")
-
-Words = str | Sequence[str | Translation]
 
 
 @dataclass(frozen=True, eq=False)
