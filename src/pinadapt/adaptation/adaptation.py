@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, whole
-from ..exceptions import GainError, InputError
+from ..exceptions import GainError
 
 
 @dataclass(slots=True, eq=False)
@@ -289,13 +289,11 @@ class Wrapper(Adaptation):
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
-        if not self._parts:
-            return estimate
         return Estimate(estimate.value, estimate.memory[self._parts :])
 
     def _outer(self, own: tuple, inner: Estimate) -> Estimate:
         """Return an inner adaptation's estimate with these own parts before its memory."""
-        return Estimate(inner.value, (*own, *inner.memory)) if self._parts else inner
+        return Estimate(inner.value, (*own, *inner.memory))
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with this one's parts before its memory."""
@@ -372,10 +370,8 @@ class Stacked(Adaptation):
         """Stack pairs of an adaptation and the size of its block; the first gives the name.
 
         Raises:
-            InputError: no pair, or something that is not an adaptation and a size.
+            InputError: something that is not an adaptation and a size.
         """
-        if not parts:
-            raise InputError("expected at least one adaptation.", where="parts")
         self.parts: list[tuple[Adaptation, slice]] = []
         end = 0
         for part, size in parts:
@@ -411,12 +407,8 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        before, value, after = estimate.value, np.empty(estimate.value.size), []
-        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
-            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
-            value[block] = moved.value
-            after.append(moved.memory)
-        return Estimate(value, tuple(after))
+        split = self._split(estimate)
+        return self._joined([part.step(own, drive.columns(b), dt) for part, b, own in split])
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

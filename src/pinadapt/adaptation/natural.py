@@ -271,8 +271,6 @@ class Natural(Adaptation):
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""
         both = np.stack([self.cone.matrices(estimate.value), self.cone.matrices(truth)])
-        if not np.isfinite(both).all():
-            return None
         try:
             L, L_true = np.linalg.cholesky(both)  # more accurate than P for thin bodies
         except np.linalg.LinAlgError:
@@ -349,13 +347,7 @@ class ExponentiatedGradient(Adaptation):
         return np.asarray((self._rates * estimate.value)[:, None] * X)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma).
-
-        None where a value is not positive or a true one negative.
-        """
-        value = estimate.value
-        if not (self.contains(value) and (truth >= 0.0).all()):
-            return None
-        least = np.finfo(float).tiny
-        entropy = np.where(truth > 0.0, truth * np.log(np.maximum(truth, least) / value), 0.0)
+        """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma)."""
+        value, least = estimate.value, np.finfo(float).tiny
+        entropy = truth * np.log(np.maximum(truth, least) / value)
         return float(np.sum((entropy + value - truth) / self._rates))

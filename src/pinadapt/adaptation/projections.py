@@ -67,7 +67,7 @@ class BoxProjection(Wrapper):
             names: of the parameters, for messages.
 
         Raises:
-            ParameterError: bounds of the wrong size, not finite, or crossed.
+            ParameterError: bounds of the wrong size, or not finite.
         """
         super().__init__(inner)
         size = vector(low, None, _BOX, error=ParameterError).size
@@ -76,10 +76,6 @@ class BoxProjection(Wrapper):
             vector(bounds, len(self._names), _BOX, names=self._names, error=ParameterError)
             for bounds in (low, high)
         )
-        if empty := [self._names[i] for i in np.flatnonzero(self.low >= self.high)]:
-            raise ParameterError(
-                f"the lower bounds of {empty} are not below the upper bounds.", where=_BOX
-            )
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, if that lies in the box.
@@ -89,8 +85,7 @@ class BoxProjection(Wrapper):
         """
         estimate = super().init(value, information)
         value = estimate.value
-        if outside := np.flatnonzero((value < self.low) | (value > self.high)).tolist():
-            i = outside[0]
+        for i in np.flatnonzero((value < self.low) | (value > self.high)):
             raise ParameterError(
                 f"the initial estimate {self._names[i]} = {value[i]:.4g} is outside its box "
                 f"[{self.low[i]:.4g}, {self.high[i]:.4g}].",

@@ -446,8 +446,6 @@ class BoundedTorque(ApproximateJacobian):
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation with a projection that keeps gravity within its share."""
-        if not dynamics.size:
-            return adaptation
         return GravityProjection(adaptation, dynamics, self.gravity)
 
 

@@ -15,7 +15,6 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..exceptions import GainError
 from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
@@ -183,8 +182,6 @@ class Separation(Law):
         object.__setattr__(self, "K_v", K_D)
         lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
         object.__setattr__(self, "lambda_d", lambda_d)
-        if self.lag and self.dynamics is None:
-            raise GainError("a lag needs the mass matrix of a model.", where="dynamics")
 
     @cached_property
     def filters(self) -> PositionObserver:
