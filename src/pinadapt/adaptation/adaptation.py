@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +22,8 @@ class Estimate:
 
     Attributes:
         value: (p) the parameters, floats.
-        memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
+        memory: internal state of the adaptation, arrays, of a stack the memories of its parts;
+            empty for most.
     """
 
     value: np.ndarray
@@ -207,8 +207,11 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
-        return Estimate(estimate.value + dt * rate.value, memory)
+        value, pairs = (
+            estimate.value + dt * rate.value,
+            zip(estimate.memory, rate.memory, strict=False),
+        )
+        return Estimate(value, tuple([m + dt * r for m, r in pairs]) if rate.memory else ())
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
@@ -227,13 +230,6 @@ class Adaptation(ABC):
         drives = [Drive(g[None], None, gradient=g) for g in X.T]
         columns = [-self.rate(estimate, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros(X.shape)
-
-
-def _moved(part: Any, rate: Any, dt: float) -> Any:
-    """Return part + dt * rate, for arrays or nested tuples of arrays."""
-    if isinstance(part, tuple):
-        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
-    return part + dt * rate
 
 
 def positive_numbers(given: ArrayLike, where: str) -> np.ndarray:
@@ -407,8 +403,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        split = self._split(estimate)
-        return self._joined([part.step(own, drive.columns(b), dt) for part, b, own in split])
+        before, value, after = estimate.value, np.empty(estimate.value.size), []
+        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
+            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
+            value[block] = moved.value
+            after.append(moved.memory)
+        return Estimate(value, tuple(after))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

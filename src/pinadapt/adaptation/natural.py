@@ -94,10 +94,6 @@ class MatrixInequality:
         """Return P (k, n, n) at parameters a (k p)."""
         return a.reshape(self.blocks, self._p).dot(self._flat).reshape(-1, self._n, self._n)
 
-    def covectors(self, g: np.ndarray) -> np.ndarray:
-        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p)."""
-        return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
-
     def metric(self, a: np.ndarray) -> np.ndarray:
         """Return the Hessian of -log det (p, p) at a (p): tr(P^-1 F_i P^-1 F_j), of one block."""
         G = np.linalg.solve(self.matrices(a)[0], self.F)

@@ -60,19 +60,21 @@ class Saturation:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
         object.__setattr__(self, "width", _positives(self.width, self.task.size, "width"))
-        if any(np.ptp(self.width[rows]) > 0.0 for rows in self._rotations):
+        if (self._together * self.width != (self._together * self.width).T).any():
             raise GainError("must be one number on the rotation rows.", where="width")
 
     @cached_property
-    def _rotations(self) -> list[slice]:
-        return [group.rows for group in self.task.groups if group.name == "rotation"]
+    def _together(self) -> np.ndarray:
+        """One where two rows (m, m) are of one rotation, or the same; else zero."""
+        shared = np.eye(self.task.size)
+        for group in self.task.groups:
+            if group.name == "rotation":
+                shared[group.rows, group.rows] = 1.0
+        return shared
 
     def _sizes(self, dx: np.ndarray) -> np.ndarray:
         """Return |dx_i| / w_i (m), on the rows of a rotation |phi| / w."""
-        sizes = np.abs(dx)
-        for rows in self._rotations:
-            sizes[rows] = np.linalg.norm(dx[rows])
-        return np.asarray(sizes / self.width)
+        return np.asarray(np.sqrt(self._together @ (dx * dx)) / self.width)
 
     def of(self, dx: np.ndarray) -> np.ndarray:
         """Return s (m) of an error dx (m) [m or rad]."""
@@ -80,10 +82,8 @@ class Saturation:
 
     def rate(self, dx: np.ndarray, dxd: np.ndarray) -> np.ndarray:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
-        u, radial = self._sizes(dx), dxd.copy()
-        for rows in self._rotations:
-            phi = dx[rows]
-            radial[rows] = phi @ dxd[rows] / max(phi @ phi, np.finfo(float).tiny) * phi
+        u, squares = self._sizes(dx), self._together @ (dx * dx)
+        radial = self._together @ (dx * dxd) / np.maximum(squares, np.finfo(float).tiny) * dx
         slope, ratio = 1.0 / np.cosh(np.minimum(u, 300.0)) ** 2, _ratio(u)
         return np.asarray(ratio * dxd + (slope - ratio) * radial)
 
@@ -91,9 +91,7 @@ class Saturation:
         """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in equal parts."""
         u = self._sizes(dx)
         S = self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0))
-        for rows in self._rotations:
-            S[rows] /= 3.0
-        return np.asarray(S)
+        return np.asarray(S / self._together.sum(axis=1))
 
 
 def _ratio(u: np.ndarray) -> np.ndarray:

@@ -241,7 +241,7 @@ class Quintic(Trajectory):
     settles: float
 
     def __init__(self, t: np.ndarray, x: np.ndarray, power: np.ndarray) -> None:
-        """Take times (N), positions (N, m) and coefficients (6, N - 1, m), those of t^5 first."""
+        """Take times (N), positions (N, m) and coefficients (k, N - 1, m), the highest first."""
         from scipy.interpolate import PPoly  # not needed to load a robot
 
         self.t, self.x, self.extent, self.settles = t, x, half_diagonal(x), float(t[-1])
@@ -289,16 +289,22 @@ class Waypoints(Quintic):
                 where="trajectory.points",
             )
         self.segment = positive(segment, "trajectory.segment")
-        of_move = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # minimum jerk
-        of_move /= self.segment ** np.arange(5.0, -1.0, -1.0)
-        power = np.multiply.outer(of_move, np.diff(self.points, axis=0))
-        power[5] = self.points[:-1]
-        super().__init__(self.segment * np.arange(len(self.points)), self.points, power)
+        t = self.segment * np.arange(len(self.points))
+        super().__init__(t, self.points, moves(self.points, np.full(len(t) - 1, self.segment)))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins at ``start`` (m), if its points are offsets."""
         fits = start.size == self.points.shape[1]  # else a check of the start refuses the motion
         return self.starting_at(start) if self._relative and fits else self
+
+
+def moves(x: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return the coefficients (6, N - 1, m) of minimum-jerk moves through x (N, m) in T (N - 1)."""
+    shape = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
+    scale = shape[:, None] / T ** np.arange(5.0, -1.0, -1.0)[:, None]
+    power = scale[:, :, None] * np.diff(x, axis=0)
+    power[5] = x[:-1]
+    return power
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
