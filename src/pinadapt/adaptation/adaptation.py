@@ -207,11 +207,9 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        value, pairs = (
-            estimate.value + dt * rate.value,
-            zip(estimate.memory, rate.memory, strict=False),
-        )
-        return Estimate(value, tuple([m + dt * r for m, r in pairs]) if rate.memory else ())
+        pairs = zip(estimate.memory, rate.memory, strict=False)
+        memory = tuple([m + dt * r for m, r in pairs]) if rate.memory else ()
+        return Estimate(estimate.value + dt * rate.value, memory)
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:

@@ -470,9 +470,8 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
         return force
     linear, angular = jacobian_bounds(robot.model, robot.frame_id)
     if not np.isfinite(linear).all():
-        names = [kinematics.joint_names[i] for i in np.flatnonzero(~np.isfinite(linear))]
         raise GainError(
-            f"no torque bound of {names} exists: a slide beyond has no position limits.",
+            "does not exist: a slide beyond a revolute joint has no position limits.",
             where="bound",
             hint='State them in the description, or take the law "approximate-jacobian".',
         )

@@ -57,10 +57,10 @@ class FramesTask(Task):
     @property
     def groups(self) -> tuple[RowGroup, ...]:
         """The positions of all frames, then all rotations."""
+        k = len(self.frames)
         return tuple(
-            group._replace(rows=slice(*(len(self.frames) * end for end in (rows.start, rows.stop))))
+            group._replace(rows=slice(k * group.rows.start, k * group.rows.stop))
             for group in self.part.groups
-            for rows in (group.rows,)
         )
 
     def parts(self, x: np.ndarray) -> Iterator[np.ndarray]:
@@ -77,7 +77,7 @@ class FramesTask(Task):
 
     def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
         """Return what a function makes of the parts of some coordinates or rows, joined."""
-        return self.joined([call(*own) for own in zip(*map(self.parts, given), strict=True)])
+        return self.joined(list(map(call, *map(self.parts, given))))
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
@@ -109,23 +109,21 @@ class FramesTask(Task):
         if self.size == self.positions:
             return super().errors(x, x_d, xd, xd_hat, xd_d)
         given = map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d))
-        dx, xd, delta = self._all(self.part.errors(*own) for own in zip(*given, strict=True))
+        dx, xd, delta = self._all(map(self.part.errors, *given))
         return dx, xd, delta
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation of each frame from the estimated to the measured orientation."""
-        both = zip(self.parts(x_hat), self.parts(x), strict=True)
-        return [self.part.turn(*own) for own in both]
+        return list(map(self.part.turn, self.parts(x_hat), self.parts(x)))
 
     def turn_between(self, turn: Any, before: Any, share: float) -> Any:
         """Return the rotation of each frame on the way from ``turn`` to ``before``."""
-        both = zip(turn, before, strict=True)
-        return [self.part.turn_between(*own, share) for own in both]
+        return [self.part.turn_between(*own, share) for own in zip(turn, before, strict=True)]
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and rotations."""
-        own = zip(self.parts(x_hat), np.split(epsilon, len(self.frames)), turn, strict=True)
-        return self.joined([self.part.carried(*each) for each in own])
+        errors = np.split(epsilon, len(self.frames))
+        return self.joined(list(map(self.part.carried, self.parts(x_hat), errors, turn)))
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the coordinates displaced from x by ``by`` (m), their error from x."""

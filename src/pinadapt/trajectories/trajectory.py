@@ -244,7 +244,8 @@ class Quintic(Trajectory):
         """Take times (N), positions (N, m) and coefficients (k, N - 1, m), the highest first."""
         from scipy.interpolate import PPoly  # not needed to load a robot
 
-        self.t, self.x, self.extent, self.settles = t, x, half_diagonal(x), float(t[-1])
+        self.t, self.x, self.settles = t, x, float(t[-1])
+        self.extent = 0.5 * float(np.linalg.norm(np.ptp(x, axis=0)))  # half the diagonal of its box
         self._path = PPoly(power, t)
 
     def at(self, t: float) -> Desired:
@@ -312,11 +313,6 @@ def minimum_jerk(u: float) -> tuple[float, float, float]:
     square, rest = u * u, 1.0 - u
     s = square * u * (10.0 - 15.0 * u + 6.0 * square)
     return s, 30.0 * square * rest * rest, 60.0 * u * rest * (rest - u)
-
-
-def half_diagonal(path: np.ndarray) -> float:
-    """Return half the diagonal of the box around a path (N, m) [m or rad]."""
-    return float(0.5 * np.linalg.norm(np.ptp(path, axis=0)))
 
 
 class TimeLaw(ABC):
