@@ -91,13 +91,11 @@ class FilteredMotion:
         W_k, y: (m_p, p_k) and (m_p) filtered regressor and velocity, (3)-(4), y without its
             known part; positions only.
         a: (n) filtered joint acceleration.
-        rates: (m_p p_k + m_p + n) of the state, which are these one after the other.
     """
 
     W_k: np.ndarray
     y: np.ndarray
     a: np.ndarray
-    rates: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,30 +139,30 @@ class MotionFilters(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        X_k, p_hat = kinematics.X_k, kinematics.p_hat
-        xi = X_k.size
-        z = xi + p_hat.size
-        if state.__class__ is not np.ndarray or state.shape != (z + kinematics.nv,):
-            raise InputError("the filters are those of another controller.", where="state")
-        x, rates = p_hat if sensed.x is None else sensed.x, empty(state.size)
-        kernels.filtered_rates(
-            state, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
-            sensed.v, self.joint_velocity.bandwidth, rates,
-        )  # fmt: skip
-        return FilteredMotion(rates[:xi].reshape(X_k.shape), rates[xi:z], rates[z:], rates)
+        if state.__class__ is np.ndarray and state.ndim == 1:
+            X_k, p_hat = kinematics.X_k, kinematics.p_hat
+            x = p_hat if sensed.x is None else sensed.x
+            W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
+            if kernels.filtered_rates(
+                state, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
+                sensed.v, self.joint_velocity.bandwidth, W_k, y, a,
+            ):  # fmt: skip
+                return FilteredMotion(W_k, y, a)
+        raise InputError("the filters are those of another controller.", where="state")
 
     def step(self, state: np.ndarray, s: Signals, dt: float) -> np.ndarray:
         """Return the state after dt [s] with X_k, x - x_0 and v held: exact for any dt."""
-        after = empty(state.size)
+        filtered, after = s.filtered, empty(state.size)
         kernels.advance(
-            state, s.filtered.rates, state.size - s.v.size, self.task_velocity.bandwidth,
-            self.joint_velocity.bandwidth, dt, after,
+            state, filtered.W_k, filtered.y, filtered.a,
+            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt, after,
         )  # fmt: skip
         return after
 
     def rate(self, state: np.ndarray, s: Signals) -> np.ndarray:
         """Return the time derivative of the state."""
-        return np.asarray(s.filtered.rates)
+        filtered = s.filtered
+        return np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a])
 
     def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
         """Return the filtered joint acceleration (n)."""

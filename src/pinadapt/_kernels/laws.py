@@ -9,7 +9,10 @@ import numpy as np
 from .._compiled import compiled
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8, f8[:])")
+@compiled(
+    "b1(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8, f8[:,:], f8[:], f8[:])",
+    fills=3,
+)
 def filtered_rates(
     low: np.ndarray,
     X_k: np.ndarray,
@@ -19,24 +22,30 @@ def filtered_rates(
     bandwidth: float,
     v: np.ndarray,
     bandwidth_a: float,
-    rates: np.ndarray,
-) -> None:
+    W_k: np.ndarray,
+    y: np.ndarray,
+    a: np.ndarray,
+) -> bool:
     """Write W_k = lambda (X_k - Z_k), y = lambda (x - x_0 - xi), and a = lambda_a (v - z).
 
-    x_0 = x_hat - X_k a_k is the known part of the position. W_k, X_k, Z_k are (m_p, p), y, x and
-    x_hat (m_p), a and v (n); low is (Z_k, xi, z) one after the other, and the rates (W_k, y, a).
+    x_0 = x_hat - X_k a_k is the known part of the position; low is (Z_k, xi, z). W_k, X_k, Z_k are
+    (m_p, p), y, x and x_hat (m_p), a and v (n). Return False, and write nothing, if low has
+    another size.
     """
     m, p = X_k.shape
     xi = m * p
     z = xi + m
+    if len(low) != z + len(a):
+        return False
     for i in range(m):
         d = x[i] - x_hat[i]
         for j in range(p):
             d += X_k[i, j] * a_k[j]
-            rates[i * p + j] = bandwidth * (X_k[i, j] - low[i * p + j])
-        rates[xi + i] = bandwidth * (d - low[xi + i])
-    for i in range(len(v)):
-        rates[z + i] = bandwidth_a * (v[i] - low[z + i])
+            W_k[i, j] = bandwidth * (X_k[i, j] - low[i * p + j])
+        y[i] = bandwidth * (d - low[xi + i])
+    for i in range(len(a)):
+        a[i] = bandwidth_a * (v[i] - low[z + i])
+    return True
 
 
 @compiled("void(f8[:], f8, f8[:], f8[:], f8[:])")
@@ -72,25 +81,31 @@ def carry(
     after[m] = 0.5 * dt
 
 
-@compiled("void(f8[:], f8[:], i8, f8, f8, f8, f8[:])")
+@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8, f8, f8, f8[:])")
 def advance(
     low: np.ndarray,
-    rates: np.ndarray,
-    z: int,
+    W_k: np.ndarray,
+    y: np.ndarray,
+    a: np.ndarray,
     bandwidth: float,
     bandwidth_a: float,
     dt: float,
     after: np.ndarray,
 ) -> None:
-    """Move low on for dt with its inputs held; both as in ``filtered_rates``, ``z`` where z begins.
+    """Move low, (Z_k, xi, z) as in ``filtered_rates``, on for dt with its inputs held.
 
-    Each moves by the share 1 - exp(-bandwidth dt) towards its input, which its rate is the
-    bandwidth times away.
+    Each moves by the share 1 - exp(-bandwidth dt) towards its input, X_k, d and v; W_k (m_p, p),
+    y (m_p) and a (n) are these changes times the bandwidth.
     """
+    m, p = W_k.shape
     way = -math.expm1(-bandwidth * dt) / bandwidth
     way_a = -math.expm1(-bandwidth_a * dt) / bandwidth_a
-    for i in range(len(low)):
-        after[i] = low[i] + (way if i < z else way_a) * rates[i]
+    for i in range(m):
+        for j in range(p):
+            after[i * p + j] = low[i * p + j] + way * W_k[i, j]
+        after[m * p + i] = low[m * p + i] + way * y[i]
+    for i in range(len(a)):
+        after[m * p + m + i] = low[m * p + m + i] + way_a * a[i]
 
 
 @compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", fills=2)
@@ -275,13 +290,13 @@ def subtract_limited_damping(
     As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
-    work = np.empty((n + 2, n))
-    L, y, z = work[:n], work[n], work[n + 1]  # 1 / L_ii on the diagonal of L
+    work = np.empty((n + 1, n))
+    L, z = work[:n], work[n]  # 1 / L_ii on the diagonal of L
     for i in range(n):
         x = 0.0
         for t in range(n):
             x += D[i, t] * error[t]
-        y[i] = x
+        z[i] = x
         torque[i] = feedforward[i] - x
         for j in range(i + 1):
             x = D[i, j] + rate * M[i, j]
@@ -289,15 +304,13 @@ def subtract_limited_damping(
                 x -= L[i, t] * L[j, t]
             L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):
-        x = y[i]
         for t in range(i):
-            x -= L[i, t] * z[t]
-        z[i] = x * L[i, i]
+            z[i] -= L[i, t] * z[t]
+        z[i] *= L[i, i]
     for i in range(n - 1, -1, -1):
-        x = z[i]
         for t in range(i + 1, n):
-            x -= L[t, i] * z[t]
-        z[i] = x * L[i, i]
+            z[i] -= L[t, i] * z[t]
+        z[i] *= L[i, i]
     for i in range(n):
         x = 0.0
         for t in range(n):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, whole
+from .._checks import instance, numbers, vector, whole
 from ..exceptions import GainError
 
 
@@ -207,8 +207,10 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        pairs = zip(estimate.memory, rate.memory, strict=False)
-        memory = tuple([m + dt * r for m, r in pairs]) if rate.memory else ()
+        memory: tuple = ()
+        if rate.memory:
+            pairs = zip(estimate.memory, rate.memory, strict=True)
+            memory = tuple(part + dt * slope for part, slope in pairs)
         return Estimate(estimate.value + dt * rate.value, memory)
 
     @abstractmethod
@@ -230,16 +232,16 @@ class Adaptation(ABC):
         return np.column_stack(columns) if columns else np.zeros(X.shape)
 
 
-def positive_numbers(given: ArrayLike, where: str) -> np.ndarray:
-    """Return a positive number or a list of them as an array.
+def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> np.ndarray:
+    """Return a positive number or a list of them as an array, with a size as one of that size.
 
     Raises:
-        GainError: one of them is not positive, or no number.
+        GainError: one of them is not positive, or no number, or they are of another size.
     """
     array = numbers(given, where, error=GainError)
     if array.ndim > 1 or not (array > 0.0).all():
         raise GainError("expected a positive number, or a list of them.", where=where)
-    return array
+    return array if size is None else vector(array, size, where, error=GainError)
 
 
 class Frozen(Adaptation):

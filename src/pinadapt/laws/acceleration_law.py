@@ -65,14 +65,7 @@ class AccelerationLaw(TaskFeedback):
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
-        return {
-            "Kv": 2.0 * w,
-            "Kp": w * w,
-            "alpha": w / 4.0,
-            "R_k": 1.0,
-            "lambda_": w / 2.0,
-            "lambda_a": 1.0 / (3.0 * w),
-        }
+        return {**super().default_gains(motion, dt, w), "lambda_a": 1.0 / (3.0 * w)}
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi = J M_hat^-1 Y (m, p_d) at each state."""
@@ -122,10 +115,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt; Wang and Xie print the bound with beta, this is the equality."""
-        prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
-        velocity = s.dxd_hat @ (self.K_v @ s.dxd_hat) - self.alpha * s.dxd_hat @ s.dxd_hat
-        position = self.alpha * s.dx @ (self.K_P @ s.dx)
-        return float(-velocity - position - prediction @ (self.R_k @ prediction))
+        return float(self.alpha * s.dxd_hat @ s.dxd_hat) - self._dissipated(s, truth)
 
 
 class ResolvedAcceleration(EstimatedVelocityLaw):

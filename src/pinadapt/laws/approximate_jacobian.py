@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, vector
-from ..adaptation.adaptation import Adaptation, Drive, Drives
+from .._checks import definite_matrix
+from ..adaptation.adaptation import Adaptation, Drive, Drives, positive_numbers
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
 from ..exceptions import DivergedError, GainError
@@ -59,7 +59,7 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        object.__setattr__(self, "width", _positives(self.width, self.task.size, "width"))
+        object.__setattr__(self, "width", positive_numbers(self.width, "width", self.task.size))
         if (self._together * self.width != (self._together * self.width).T).any():
             raise GainError("must be one number on the rotation rows.", where="width")
 
@@ -376,7 +376,7 @@ class BoundedTorque(ApproximateJacobian):
         """
         super().__post_init__()
         for name in ("bound", "gravity"):
-            torques = _positives(getattr(self, name), self.kinematics.nv, name)
+            torques = positive_numbers(getattr(self, name), name, self.kinematics.nv)
             object.__setattr__(self, name, torques)
         if not (self.brake_limit > 0.0).all():
             i = int(np.argmin(self.brake_limit))
@@ -413,7 +413,7 @@ class BoundedTorque(ApproximateJacobian):
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
-        bound = _positives(bound, kinematics.nv, "bound")
+        bound = positive_numbers(bound, "bound", kinematics.nv)
         if gravity is None:
             gravity = np.maximum(asked, bound - 2.0 * spring)
             gravity = np.clip(gravity, _LEAST * bound, (1.0 - _LEAST) * bound)
@@ -445,18 +445,6 @@ class BoundedTorque(ApproximateJacobian):
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation with a projection that keeps gravity within its share."""
         return GravityProjection(adaptation, dynamics, self.gravity)
-
-
-def _positives(given: Any, size: int, name: str) -> np.ndarray:
-    """Return positive numbers (size) of as many, or of one.
-
-    Raises:
-        GainError: of another size, or not positive.
-    """
-    found = vector(given, size, name, error=GainError)
-    if not (found > 0.0).all():
-        raise GainError(f"must be positive, got {found.tolist()}.", where=name)
-    return found
 
 
 def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> np.ndarray:

@@ -139,9 +139,8 @@ def _order(feet: np.ndarray) -> list[int]:
 
     The fore ones are those with the largest x.
     """
-    hind, fore = np.split(np.argsort(feet[:, 0]), 2)
-    sides = [pair[np.argsort(feet[pair, 1])] for pair in (hind, fore)]
-    return [int(sides[i][side]) for side in (0, 1) for i in (0, 1)]
+    side = feet[:, 1] > feet[:, 1].mean()
+    return [int(foot) for foot in np.lexsort((feet[:, 0], side))]
 
 
 def _inside(triangle: np.ndarray) -> np.ndarray:

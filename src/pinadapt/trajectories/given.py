@@ -245,6 +245,12 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
     """
     try:
         start = motion.at(0.0)
+        if task is not None and np.size(start.x_d) != task.coordinates:
+            raise InputError(
+                f"the desired motion has {np.size(start.x_d)} coordinates, the task '{task.name}' "
+                f"{task.coordinates}.",
+                where="trajectory",
+            )
         sizes: Any = (None,) * 3 if task is None else (task.coordinates, task.size, task.size)
         for name, size in zip(Desired._fields, sizes, strict=True):
             vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
