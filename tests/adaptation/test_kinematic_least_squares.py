@@ -121,24 +121,31 @@ def test_a_held_frame_counts_once():
 
 
 def test_directional_forgetting_acts_on_each_direction():
-    """With one parameter unexcited the other is followed."""
-    W, fit = np.array([[1.0, 0.0]]), pa.adaptation.LeastSquares(1.0, 2, weight=10.0)
-    estimate, excess = fit.init(np.zeros(2)), []
-    for k in range(2000):
-        truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
-        drive = pa.adaptation.Drive(np.zeros((1, 2)), None).with_prediction_error(
-            W, W @ (estimate.value - truth)
+    """With one parameter unexcited the other is followed; bounded-gain forgetting stops both."""
+    W, ends = np.array([[1.0, 0.0]]), {}
+    for directional in (False, True):
+        fit = pa.adaptation.LeastSquares(
+            1.0, 2, weight=10.0, forgetting=1.0, directional=directional
         )
-        estimate = fit.step(estimate, drive, 0.01)
-        excess.append(np.linalg.eigvalsh(fit.gain(estimate) - fit.P_0)[-1])
-    assert abs(estimate.value[0] - 2.0) < 1e-3
-    assert max(excess) <= 1e-12
+        estimate, excess = fit.init(np.zeros(2)), []
+        for k in range(2000):
+            truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
+            drive = pa.adaptation.Drive(np.zeros((1, 2)), None).with_prediction_error(
+                W, W @ (estimate.value - truth)
+            )
+            estimate = fit.step(estimate, drive, 0.01)
+            excess.append(np.linalg.eigvalsh(fit.gain(estimate) - fit.P_0)[-1])
+        ends[directional] = abs(estimate.value[0] - 2.0)
+        assert max(excess) <= 1e-12
+    assert ends[True] < 1e-3 < 0.3 < ends[False]
 
 
 def test_small_steps_follow_the_rate():
     rng = np.random.default_rng(1)
     W, truth = rng.standard_normal((2, 3)), rng.standard_normal(3)
-    fit = pa.adaptation.LeastSquares([0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, forgetting=3.0)
+    fit = pa.adaptation.LeastSquares(
+        [0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, weight=None, forgetting=3.0, directional=True
+    )
     drive = pa.adaptation.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
     start = fit.init(np.zeros(3))
     rate = fit.rate(start, drive)

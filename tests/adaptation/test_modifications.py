@@ -21,10 +21,12 @@ INNER = {
         pa.adaptation.Gradient(0.3, 3), 10.0, rate=2.0, floor=0.1
     ),
     "natural composite": lambda: pa.adaptation.Composite(
-        INNER["natural"](), 10.0, rate=2.0, floor=[0.1, 0.2]
+        INNER["natural"](), 10.0, weight=[2.0, 3.0]
     ),
     "least squares": lambda: pa.adaptation.LeastSquares([0.3, 0.2, 0.5], 3, 10.0, weight=3.0),
-    "at one rate": lambda: pa.adaptation.LeastSquares(0.3, 3, 10.0, rate=4.0, floor=0.1),
+    "directional": lambda: pa.adaptation.LeastSquares(
+        0.3, 3, 10.0, weight=None, rate=4.0, floor=0.1, directional=True
+    ),
     "stacked": lambda: pa.adaptation.Stacked(
         [
             (pa.adaptation.Gradient(0.3, 1), 1),

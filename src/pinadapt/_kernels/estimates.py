@@ -10,7 +10,7 @@ from .._compiled import compiled
 
 
 @compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8, f8[:,:], f8[::1], f8[:,:])",
+    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8, f8, f8[:,:], f8[:], f8[:,:])",
     fills=2,
     allocates=True,
 )
@@ -24,11 +24,12 @@ def fit(
     floor: np.ndarray,
     dt: float,
     kept: float,
+    restored: float,
     prior: np.ndarray,
     slope: np.ndarray,
     after: np.ndarray,
 ) -> None:
-    """Write -P_1 (g + W^T (R - R_0) r) (p) and kept P_1^-1 + (1 - kept) prior (p, p).
+    """Write -P_1 (g + W^T (R - R_0) r) (p) and kept P_1^-1 + restored prior (p, p).
 
     P_1^-1 = information + dt W^T R W with R = rate (W P W^T + diag(floor))^-1 (m, m), or R_0 for a
     rate of zero. The floor has m entries, or one for all rows. All square matrices are symmetric
@@ -52,9 +53,15 @@ def fit(
                 X[row, k] /= A[k, k]
 
     m, p = W.shape
-    R, P_W, S = R_0.copy(), W.copy(), np.zeros((m, m))
+    R, P_W, S, total, gradient = (
+        R_0.copy(),
+        W.copy(),
+        np.zeros((m, m)),
+        information.copy(),
+        g.copy(),
+    )
     if rate > 0.0:
-        solve(information.copy(), P_W)
+        solve(total, P_W)
         for i in range(m):
             S[i, i] = floor[i % len(floor)]
             for j in range(m):
@@ -62,24 +69,28 @@ def fit(
                 for k in range(p):
                     S[i, j] += W[i, k] * P_W[j, k]
         solve(S, R)
-    total = information.copy()
-    for k in range(p):
-        slope[k] = -g[k]
-    for i in range(m):
-        pull = 0.0
-        for j in range(m):
-            pull += (R[i, j] - R_0[i, j]) * r[j]
-        for k in range(p):
-            slope[k] -= W[i, k] * pull
-            weighted = 0.0
+        for i in range(m):
+            x = 0.0
             for j in range(m):
-                weighted += dt * R[i, j] * W[j, k]
-            for t in range(p):
-                total[k, t] += weighted * W[i, t]
+                x += (R[i, j] - R_0[i, j]) * r[j]
+            for k in range(p):
+                gradient[k] += W[i, k] * x
     for k in range(p):
         for t in range(p):
-            after[k, t] = kept * total[k, t] + (1.0 - kept) * prior[k, t]
-    solve(total, slope.reshape(1, p))
+            total[k, t] = information[k, t]
+    for i in range(m):
+        for k in range(p):
+            x = 0.0
+            for j in range(m):
+                x += dt * R[i, j] * W[j, k]
+            for t in range(p):
+                total[k, t] += x * W[i, t]
+    for k in range(p):
+        for t in range(p):
+            after[k, t] = kept * total[k, t] + restored * prior[k, t]
+    solve(total, gradient.reshape(1, p))
+    for k in range(p):
+        slope[k] = -gradient[k]
 
 
 @compiled(

@@ -6,12 +6,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import instance, numbers, vector, whole
-from ..exceptions import GainError
+from ..exceptions import GainError, InputError
 
 
 @dataclass(slots=True, eq=False)
@@ -22,8 +23,7 @@ class Estimate:
 
     Attributes:
         value: (p) the parameters, floats.
-        memory: internal state of the adaptation, arrays, of a stack the memories of its parts;
-            empty for most.
+        memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
     """
 
     value: np.ndarray
@@ -207,10 +207,7 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        memory: tuple = ()
-        if rate.memory:
-            pairs = zip(estimate.memory, rate.memory, strict=True)
-            memory = tuple(part + dt * slope for part, slope in pairs)
+        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
         return Estimate(estimate.value + dt * rate.value, memory)
 
     @abstractmethod
@@ -230,6 +227,13 @@ class Adaptation(ABC):
         drives = [Drive(g[None], None, gradient=g) for g in X.T]
         columns = [-self.rate(estimate, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros(X.shape)
+
+
+def _moved(part: Any, rate: Any, dt: float) -> Any:
+    """Return part + dt * rate, for arrays or nested tuples of arrays."""
+    if isinstance(part, tuple):
+        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
+    return part + dt * rate
 
 
 def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> np.ndarray:
@@ -285,11 +289,13 @@ class Wrapper(Adaptation):
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
+        if not self._parts:
+            return estimate
         return Estimate(estimate.value, estimate.memory[self._parts :])
 
     def _outer(self, own: tuple, inner: Estimate) -> Estimate:
         """Return an inner adaptation's estimate with these own parts before its memory."""
-        return Estimate(inner.value, (*own, *inner.memory))
+        return Estimate(inner.value, (*own, *inner.memory)) if self._parts else inner
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with this one's parts before its memory."""
@@ -366,8 +372,10 @@ class Stacked(Adaptation):
         """Stack pairs of an adaptation and the size of its block; the first gives the name.
 
         Raises:
-            InputError: something that is not an adaptation and a size.
+            InputError: no pair, or something that is not an adaptation and a size.
         """
+        if not parts:
+            raise InputError("expected at least one adaptation.", where="parts")
         self.parts: list[tuple[Adaptation, slice]] = []
         end = 0
         for part, size in parts:

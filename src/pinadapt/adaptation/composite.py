@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from .._checks import numbers, positive
 from ..exceptions import GainError
 from ..models.physical_fit import sums_of
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
-from .least_squares import decaying_weight
+from .least_squares import PredictionWeight
 
 # name of the inner adaptation -> of its composite, and of that with a memory
 _NAMES = {
@@ -33,7 +34,8 @@ class Composite(Wrapper):
     V:          dV/dt changes by -r^T R r <= 0, an equality for every R >= 0, which may change with
                 time, in the metric of any inner adaptation. Under natural adaptation the estimate
                 stays in its cone.
-    Weight:     R = rate (W Gamma W^T + diag(floor))^-1, see ``decaying_weight``.
+    Weight:     constant, as published, or R = rate (W Gamma W^T + diag(floor))^-1; see
+                ``PredictionWeight``.
 
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
     509-519, with a constant Gamma; with natural adaptation it is the same gradient in its metric.
@@ -41,38 +43,44 @@ class Composite(Wrapper):
     Attributes:
         inner: the wrapped adaptation, of all dynamic parameters.
         torque_bandwidth: bandwidth of the low pass [1/s].
-        speed: [1/s] at which the prediction error decays.
-        floor: a positive number or n of them, in units of W Gamma W^T.
+        weight: how R is chosen.
     """
 
-    sources = ("SlotineLi1989",)
+    sources: tuple[str, ...] = ("SlotineLi1989",)
 
     def __init__(
-        self, inner: Adaptation, bandwidth: float, *, rate: float, floor: ArrayLike
+        self,
+        inner: Adaptation,
+        bandwidth: float,
+        *,
+        weight: ArrayLike | None = None,
+        rate: float | None = None,
+        floor: ArrayLike = 0.0,
     ) -> None:
-        """Wrap an adaptation.
+        """Wrap an adaptation; the prediction error has either a weight or a rate.
 
         Args:
             inner: any adaptation.
             bandwidth: of the low pass [1/s].
-            rate: [1/s] at which the prediction error decays.
-            floor: a positive number or n of them, in units of W Gamma W^T.
+            weight: R, a number, n numbers or (n, n), in 1 / (N m)^2 or 1 / N^2.
+            rate: [1/s] at which the prediction error decays, instead of a weight.
+            floor: with a rate: a positive number or n of them, in units of W Gamma W^T.
 
         Raises:
-            GainError: gains that are not positive.
+            GainError: neither or both of weight and rate, or gains that are not positive.
         """
         super().__init__(inner)
         self.name = _NAMES.get(inner.name, (inner.name,))[0]
         self.torque_bandwidth = positive(bandwidth, "prediction_filter")
-        self.speed = positive(rate, "prediction_rate")
-        self.floor = positive_numbers(floor, "floor")
+        if (weight is None) == (rate is None):
+            raise GainError("expected either a weight or a rate.", where="prediction_rate")
+        self.weight = PredictionWeight(weight, rate, floor)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         if drive.W is None:
             return drive
-        Gamma_W = self.inner.gain_times(estimate, drive.W.T)
-        return drive.weighted(decaying_weight(self.speed, drive.W, Gamma_W, self.floor))
+        return drive.weighted(self.weight.at(drive, partial(self.inner.gain_times, estimate)))
 
 
 class CompositeMemory(Wrapper):

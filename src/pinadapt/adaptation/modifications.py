@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import positive
+from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 
 
@@ -140,9 +141,14 @@ class DeadZone(Wrapper):
         """Wrap an adaptation with dead zones of the given sizes.
 
         Raises:
-            GainError: sizes that are not positive.
+            GainError: sizes that are not positive, or neither of them given.
         """
         super().__init__(inner)
+        if size is None and residual is None:
+            raise GainError(
+                "expected the size of the tracking error, of the prediction error, or both.",
+                where="dead-zone",
+            )
         self.size = None if size is None else positive_numbers(size, "dead-zone")
         self.residual = None if residual is None else positive_numbers(residual, "dead-zone")
 

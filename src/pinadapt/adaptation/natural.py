@@ -94,6 +94,10 @@ class MatrixInequality:
         """Return P (k, n, n) at parameters a (k p)."""
         return a.reshape(self.blocks, self._p).dot(self._flat).reshape(-1, self._n, self._n)
 
+    def covectors(self, g: np.ndarray) -> np.ndarray:
+        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p)."""
+        return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
+
     def metric(self, a: np.ndarray) -> np.ndarray:
         """Return the Hessian of -log det (p, p) at a (p): tr(P^-1 F_i P^-1 F_j), of one block."""
         G = np.linalg.solve(self.matrices(a)[0], self.F)
@@ -267,6 +271,8 @@ class Natural(Adaptation):
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""
         both = np.stack([self.cone.matrices(estimate.value), self.cone.matrices(truth)])
+        if not np.isfinite(both).all():
+            return None
         try:
             L, L_true = np.linalg.cholesky(both)  # more accurate than P for thin bodies
         except np.linalg.LinAlgError:
@@ -343,7 +349,13 @@ class ExponentiatedGradient(Adaptation):
         return np.asarray((self._rates * estimate.value)[:, None] * X)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma)."""
-        value, least = estimate.value, np.finfo(float).tiny
-        entropy = truth * np.log(np.maximum(truth, least) / value)
+        """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma).
+
+        None where a value is not positive or a true one negative.
+        """
+        value = estimate.value
+        if not (self.contains(value) and (truth >= 0.0).all()):
+            return None
+        least = np.finfo(float).tiny
+        entropy = np.where(truth > 0.0, truth * np.log(np.maximum(truth, least) / value), 0.0)
         return float(np.sum((entropy + value - truth) / self._rates))

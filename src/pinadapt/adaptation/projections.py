@@ -67,7 +67,7 @@ class BoxProjection(Wrapper):
             names: of the parameters, for messages.
 
         Raises:
-            ParameterError: bounds of the wrong size, or not finite.
+            ParameterError: bounds of the wrong size, not finite, or crossed.
         """
         super().__init__(inner)
         size = vector(low, None, _BOX, error=ParameterError).size
@@ -76,6 +76,10 @@ class BoxProjection(Wrapper):
             vector(bounds, len(self._names), _BOX, names=self._names, error=ParameterError)
             for bounds in (low, high)
         )
+        if empty := [self._names[i] for i in np.flatnonzero(self.low >= self.high)]:
+            raise ParameterError(
+                f"the lower bounds of {empty} are not below the upper bounds.", where=_BOX
+            )
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, if that lies in the box.
@@ -85,7 +89,8 @@ class BoxProjection(Wrapper):
         """
         estimate = super().init(value, information)
         value = estimate.value
-        for i in np.flatnonzero((value < self.low) | (value > self.high)):
+        if outside := np.flatnonzero((value < self.low) | (value > self.high)).tolist():
+            i = outside[0]
             raise ParameterError(
                 f"the initial estimate {self._names[i]} = {value[i]:.4g} is outside its box "
                 f"[{self.low[i]:.4g}, {self.high[i]:.4g}].",
@@ -260,7 +265,7 @@ class GravityProjection(Wrapper):
             GainError: bounds that are not positive.
         """
         super().__init__(inner)
-        self.bound = np.atleast_1d(positive_numbers(bound, "gravity"))
+        self.bound = vector(positive_numbers(bound, "gravity"), None, "gravity")
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

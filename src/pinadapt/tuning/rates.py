@@ -235,8 +235,9 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
 
     That error decays at ``Law.prediction_mode`` times the bandwidth w, after a low pass of
     bandwidth w. Least squares, whose gain decreases as it learns, starts at 1000 w: this assumes
-    noise of 3 % of the torque due to the initial uncertainty, independent after 1 / w.
-    It forgets at w / 8.
+    noise of 3 % of the torque due to the initial uncertainty, independent after 1 / w. Each
+    direction forgets by itself, at w / 8: no motion excites all ten parameters of every body, so
+    that bounded-gain forgetting, which waits for all of them, would forget nothing.
 
     A memory moves the estimate at the same rate whatever the noise and the period are, because it
     averages the noise and is stable at any period. It assumes noise of 1 % of the torque due to the
@@ -295,6 +296,7 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
         low_pass,
         weight=rate / torques,
         forgetting=tuning.rate("forgetting", _SLOW * w * share),
+        directional=True,
         unit=_unit(moved, motion),
     )
 
@@ -387,6 +389,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
         rate=w if tuning.rates.get("R_k") is None else None,
         floor=max(noise, 1e-6 * float(typical)) or 1.0,
         forgetting=_SLOW * min(w, tuning.settings.smoothing),
+        directional=True,
         unit=unit,
     )
 
