@@ -1,12 +1,10 @@
 """``pinadapt init``: its scenario runs without changes and reports the choices."""
 
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import pinadapt as pa
 from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
@@ -78,17 +76,13 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     assert not list(tmp_path.glob("*.toml"))
 
 
-def test_a_description_of_several_legs_offers_the_whole_robot_first(tmp_path, capsys):
+def test_a_leg_of_several_says_how_to_take_the_whole_robot(tmp_path, capsys):
     file = written(tmp_path, "solo12")
-    first, *commands, found, _, left = capsys.readouterr().out.splitlines()[:6]
-    assert first == "An arm or leg of 4. For the whole robot:" and "3 joints" in found
-    for command, n in zip(commands, (12, 18), strict=True):
-        assert main(shlex.split(command)[1:]) == 0
-        assert f"{file}: {n} joints, " in capsys.readouterr().out.splitlines()[0]
-    assert commands[1].split()[3:5] == ["--contacts", "FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT"]
-    assert left.startswith("Not controlled: FR_HAA")
-    written(tmp_path, ARM4, "--force")
-    assert "whole" not in capsys.readouterr().out
+    found, left = capsys.readouterr().out.splitlines()[:2]
+    assert found.startswith(f"{file}: 3 joints, ")
+    assert left.startswith("Not controlled: FR_HAA") and "--task joint" in left
+    written(tmp_path, "solo12", "--task", "joint", "--force")
+    assert f"{file}: 12 joints, the whole robot" in capsys.readouterr().out
 
 
 def test_a_standing_robot_carries_an_unknown_load_on_a_circle(tmp_path, capsys):
@@ -103,26 +97,12 @@ def test_a_standing_robot_carries_an_unknown_load_on_a_circle(tmp_path, capsys):
     assert "three point feet" in capsys.readouterr().err
 
 
-def test_a_set_point_law_gets_a_reachable_set_point(tmp_path):
-    law = next(name for name, law in pa.laws.LAWS.items() if law.set_point)
-    file = written(tmp_path, "scara", "--law", law)
+def test_a_joint_task_gets_sines_of_the_joints_for_any_law_of_joint_space(tmp_path):
+    file = written(tmp_path, ARM4, "--task", "joint", "--frame", "tip")
     tables = read_toml(file)
-    assert tables["controller"]["law"] == law and tables["trajectory"]["kind"] == "waypoints"
-    scenario = Scenario.read(file, ["simulation.duration=3.5", FOUR_MS])
-    assert scenario.findings() == [] and scenario.controller.law.name == law
-    rollout = scenario.run()
-    assert rollout.diverged is None and rollout.distance[-75:].max() < 0.02 * rollout.extent
-    gains = [line.removeprefix("# ") for line in file.read_text().splitlines() if "# Kp =" in line]
-    assert len(gains) == 1  # and can be taken as it stands
-    Scenario.read(file, [f"controller.{gains[0].split('#')[0].strip()}"])
-
-
-def test_a_law_of_joint_space_gets_sines_of_the_joints(tmp_path):
-    file, law = written(tmp_path, ARM4, "--law", "craig"), "craig"
-    tables = read_toml(file)
-    assert (tables["robot"]["task"], tables["controller"]["law"]) == ("joint", law)
+    assert tables["robot"]["task"] == "joint"
     assert tables["trajectory"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
-    short = ["simulation.duration=1.6", TWO_MS]
+    short = ["simulation.duration=1.6", TWO_MS, "controller.law=craig"]
     rollout = Scenario.read(file, short).run()
     fixed = Scenario.read(file, [*short, "controller.adaptation='none'"]).run()
     assert rollout.diverged is None and not rollout.limits.exceeded

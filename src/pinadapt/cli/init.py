@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
 from pathlib import Path
 
 from .._output import write_text
-from ..laws import LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
 from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
@@ -19,10 +15,8 @@ _CHOICES = {
     "frame": {"type": names, "action": "extend"},
     "contacts": {"type": names, "action": "extend"},
     "task": str,
-    "law": tuple(name for name, law in LAWS.items() if law.adapts),
     "tracker": bool,
 }
-_FOOT = re.compile(r"foot|sole|toe|ankle|contact")  # in names of ends of legs
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -53,40 +47,18 @@ def init(options: Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
-    several = len(template.limbs) > 1
-    if several and not template.takes_all:
-        print(f"An arm or leg of {len(template.limbs)}. For the whole robot:")
-        print(*(f"  {each}" for each in _commands(options, template.limbs)), sep="\n")
     ends = "', '".join(contact.frame for contact in robot.contacts) or "', '".join(robot.frames)
     which = "the whole robot" if template.whole else f"to '{ends}'"
     which = f"standing on '{ends}'" if robot.contacts else which
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
-    if several and not template.whole:
-        moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
-        print(f"Controlled: {', '.join(moved)}.")
     if robot.locked:
-        print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
+        print(
+            f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint; several ends: "
+            "--frame A,B; feet to stand on: --contacts A,B,C."
+        )
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0
-
-
-def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
-    """Yield commands that take all joints, the ends of all arms, and all feet, of which three hold.
-
-    They write the same file as the command with these options.
-    """
-    out = [] if options.out is None else ["--out", str(options.out)]
-    mass = [] if options.mass is None else ["--mass", f"{options.mass:g}"]
-    xacro = [part for name, value in options.xacro for part in ("--xacro", f"{name}={value}")]
-    feet = [end for end in limbs if _FOOT.search(end.lower())]
-    arms = [end for end in limbs if end not in feet]
-    choices = [["--task", "joint"]]
-    choices += [["--frame", ",".join(arms)]] if len(arms) > 1 else []
-    choices += [["--contacts", ",".join(feet)]] if len(feet) > 2 else []
-    for choice in choices:
-        words = ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
-        yield shlex.join(words)
 
 
 def warn_of_findings(scenario: Scenario) -> None:
