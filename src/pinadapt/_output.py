@@ -9,9 +9,8 @@ import re
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from html import escape
 from inspect import getdoc
 from pathlib import Path
@@ -27,7 +26,6 @@ else:
 Record: TypeAlias = Mapping[str, Any]  # values by name
 
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
-_ABANDONED = 3600.0  # [s] of age; half or twice: what killed processes left stays as long
 
 
 def collect_seldom() -> None:
@@ -112,21 +110,19 @@ def write_json(path: Path, content: Any) -> None:
 
 
 @contextmanager
-def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Iterator[Path]:
+def one_run(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """Yield a temporary folder whose files finally replace the files ``names`` of ``folder``.
 
     All old files are removed before the first new one is moved in, so files of two runs are never
     mixed, even if the process is killed. The last name is removed first and moved last: if it
-    exists, all of them do. The old files stay if there is no complete new one, or if writing fails
-    and the new ones are not wanted ``partly``. Names may be those of files in folders.
+    exists, all of them do. The old files stay if there is no complete new one. Names may be those
+    of files in folders.
     """
     folder.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
     try:
         yield beside
-        partly = True
     finally:
-        names = names if partly else ()
         whole = [name for name in names if (beside / name).is_file()]
         for name in reversed(names) if whole else ():
             (folder / name).unlink(missing_ok=True)
@@ -134,14 +130,13 @@ def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Itera
             (folder / name).parent.mkdir(exist_ok=True)
             (beside / name).replace(folder / name)
         shutil.rmtree(beside, ignore_errors=True)
-        _tidy(folder)
 
 
-def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
+def check_writable(folder: Path) -> None:
     """Check that files can be written into a folder, which need not exist.
 
     Raises:
-        InputError: they cannot be written, or one of ``names`` is a folder.
+        InputError: they cannot be written.
     """
     missing = not folder.is_dir()
     try:
@@ -156,19 +151,6 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
             where=str(folder),
             hint="Choose another folder by --out.",
         ) from error
-    for name in names:
-        if (folder / name).is_dir():
-            raise InputError(
-                "is a folder, but a file of this name has to be written.", where=str(folder / name)
-            )
-
-
-def _tidy(folder: Path) -> None:
-    """Remove what killed processes left in a folder."""
-    for left in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError):
-            if time.time() - left.stat().st_mtime > _ABANDONED:
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def cell(value: Any) -> str:

@@ -289,7 +289,7 @@ def check_new(file: Path, *, force: bool) -> None:
             where=str(file),
             hint="Overwrite it by --force, or choose another file by --out.",
         )
-    check_writable(file.parent, [file.name])
+    check_writable(file.parent)
 
 
 def names(text: str) -> list[str]:

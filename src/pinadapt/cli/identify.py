@@ -322,7 +322,7 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
     Raises:
         InputError: the folder is refused.
     """
-    check_writable(folder, files)
+    check_writable(folder)
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",

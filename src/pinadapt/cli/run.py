@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from .._output import check_writable, one_run
@@ -16,7 +14,6 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
-from ..simulation.simulate import watched
 from .command_line import Exit, add_out, add_scenario, add_settings, add_unadapted, status_of
 
 RUN_FILES = (
@@ -64,7 +61,7 @@ def run_into(
 
     Return 3 if the loop diverged, 130 if it was interrupted, else 0.
     """
-    check_writable(folder, RUN_FILES)
+    check_writable(folder)
     rollout = run_beside(scenario, without, live=live)
     try:
         write_run(rollout, folder, html=html)
@@ -178,17 +175,13 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     Raises:
         OSError: some could not be written; the folder has the others.
     """
-    steps: list[Callable[[Path], object]] = [
-        rollout.save,
-        rollout.plot,
-        partial(_keep_learned, rollout),
-    ]
-    if html:
-        steps.append(lambda beside: rollout.animate().save(beside / "animation.html"))
     try:
         with one_run(folder, RUN_FILES) as beside:
-            for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
-                steps[k](beside)
+            rollout.save(beside)
+            rollout.plot(beside)
+            _keep_learned(rollout, beside)
+            if html:
+                rollout.animate().save(beside / "animation.html")
     except OSError as error:
         words = f"{folder}: not all could be written: {error.strerror or error}."
         raise OSError(words) from error

@@ -61,7 +61,7 @@ def tune(options: Namespace) -> int:
     """
     plan = Plan.read(options.scenario, options.vary, options.set, samples=options.samples)
     folder = options.out or Path("out") / f"{options.scenario.stem}-tune"
-    check_writable(folder, [FILE])
+    check_writable(folder)
     found = search(
         plan,
         dict(options.gain),

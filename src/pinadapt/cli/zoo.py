@@ -39,7 +39,7 @@ def zoo(options: Namespace) -> int:
     if options.robots:
         names = [catalogue_entry(name).name for name in options.robots]
     folder: Path = options.out
-    check_writable(folder, [TABLE])
+    check_writable(folder)
     chosen = given(options, ("law", "task", "seed", "processes"))
     coming = run_zoo(names, **chosen)
     rows: list[Record] = []
