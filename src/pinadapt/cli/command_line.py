@@ -70,9 +70,7 @@ _SHARED = {
     "calibrate": "identify",
     "robots": "command_line",
 }
-_ENDING = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
-]
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown, warnings.showwarning = warnings.showwarning, _WarningPrinter()
+    shown, warnings.showwarning = warnings.showwarning, _once(set())
     try:
         with stopped_by_signals():
             options = _options(arguments)
@@ -134,43 +132,29 @@ def robots(options: Namespace) -> int:
     from .._output import Table  # here, because no other command needs them at once
     from ..description.catalogue import catalogue
 
-    rows = [
-        (
-            each.name,
-            str(each.joints),
-            each.task,
-            each.frame,
-            each.origin,
-            each.about,
-        )
-        for each in catalogue().values()
-    ]
-    print(Table(rows, ("name", "joints", "task", "frame", "from", "about")))
+    shown = ("name", "joints", "task", "frame", "origin", "about")
+    rows = [[str(getattr(each, name)) for name in shown] for each in catalogue().values()]
+    print(Table(rows, shown))
     return Exit.DONE
 
 
-class _WarningPrinter:
-    """Shows each warning once, wherever in the code it comes from."""
+def _once(texts: set[str]) -> Callable[..., None]:
+    """Return what shows each warning once, wherever in the code it comes from."""
 
-    def __init__(self) -> None:
-        self._texts: set[str] = set()
-
-    def __call__(self, message: Any, *where: Any, **more: Any) -> None:
-        if (text := str(message)) not in self._texts:
-            self._texts.add(text)
+    def show(message: Any, *where: Any, **more: Any) -> None:
+        """Print a warning whose text is not among the texts yet."""
+        if (text := str(message)) not in texts:
+            texts.add(text)
             print(f"pinadapt: warning: {text}", file=sys.stderr)
+
+    return show
 
 
 def status_of(*rollouts: Rollout) -> int:
-    """Return the exit status of a command that ran these rollouts."""
-    if interrupted(rollouts):
+    """Return the exit status of a command that ran these rollouts, of which one at least."""
+    if rollouts[-1].interrupted is not None:
         return Exit.INTERRUPTED
     return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
-
-
-def interrupted(rollouts: Sequence[Rollout]) -> bool:
-    """Return whether the last rollout was interrupted, so that no other should start."""
-    return bool(rollouts) and rollouts[-1].interrupted is not None
 
 
 @contextmanager
@@ -262,9 +246,9 @@ def add_arguments_of(
 
     about = meanings(make)
     for name, kind in types.items():
-        option = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
-        if isinstance(kind, dict):
-            option = kind
+        option = kind if isinstance(kind, dict) else {"type": kind}
+        if isinstance(kind, tuple):
+            option = {"choices": kind}
         elif kind is bool:
             option = {"action": "store_true", "default": None}
         words = about[name].replace("%", "%%")

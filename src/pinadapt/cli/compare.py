@@ -15,7 +15,7 @@ from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
 from ..scenario.comparison import NOT_ADAPTED, comparison_table, laws_for, pairs_of, run_beside
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_unadapted, interrupted, names, status_of
+from .command_line import Exit, add_out, add_scenario, add_unadapted, names, status_of
 from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -55,7 +55,7 @@ def compare(options: Namespace) -> int:
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
-    return Exit.INTERRUPTED if interrupted(rollouts) else Exit.DONE
+    return Exit.DONE if rollouts[-1].interrupted is None else Exit.INTERRUPTED
 
 
 def _run_all(
@@ -67,7 +67,7 @@ def _run_all(
         for pair, folder in zip(pairs, folders, strict=True):
             rollouts.append(run_beside(*pair))
             write_run(rollouts[-1], folder, html=html)
-            if interrupted(rollouts):
+            if rollouts[-1].interrupted is not None:
                 break
     finally:
         print(comparison_table(rollouts))

@@ -116,7 +116,9 @@ def drive(options: Namespace) -> int:
     """
     numbers = dict(setting(text, "--safety") for text in options.safety)
     safety: Safety = made(Safety, numbers, "safety")
-    _check_arm(options)
+    for name in given(options, ("load", *_COLLISION)):
+        if options.kind != "franka":
+            raise InputError("is set on a Franka only.", where=f"--{name}")
     tables, folder = _tables(options)
     load = None
     if options.load is not None:
@@ -173,34 +175,11 @@ def _tables(options: Namespace) -> tuple[Tables, Path]:
     return deepcopy(FRANKA), Path()
 
 
-def _check_arm(options: Namespace) -> None:
-    """Refuse an arm that does not exist, and options that it has not.
-
-    Raises:
-        InputError: it is refused.
-    """
-    kind = options.kind
-    for name in given(options, ("load", *_COLLISION)):
-        if kind != "franka":
-            raise InputError("is set on a Franka only.", where=f"--{name}")
-    if kind == "franka" and options.address is None:
-        raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
-    file = kind.rpartition(":")[0]
-    if kind not in ("simulated", "franka", "moteus") and not (
-        file.endswith(".py") and Path(file).is_file()
-    ):
-        raise InputError(
-            f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
-            "FILE.py:CLASS, an existing file.",
-            where="ARM",
-        )
-
-
 def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Arm:
     """Return the arm of the options.
 
     Raises:
-        InputError: it cannot be connected.
+        InputError: there is none, or it cannot be connected.
     """
     kind, address = options.kind, options.address
     if kind == "simulated":
@@ -210,9 +189,17 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     if kind == "moteus":
         return _motors(scenario, address)
     if kind == "franka":
+        if address is None:
+            raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
         known = given(options, ("recover", *_COLLISION))
         return FrankaArm(address, scenario.estimated, load=load, **known)
     file, _, name = kind.rpartition(":")
+    if not Path(file).is_file():
+        raise InputError(
+            f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
+            "FILE.py:CLASS, an existing file.",
+            where="ARM",
+        )
     found = runpy.run_path(file).get(name)
     arm = None if found is None else found(address, scenario.estimated)
     if not isinstance(arm, Arm):
