@@ -47,7 +47,7 @@ _HINT = (
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
 )
 _LIST_TEXT = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
-_CONDITION = re.compile(r"\s*([^\s<>=]+)\s*(?:(<=|>=|<|>|==)\s*(-?[\d.]+(?:e-?\d+)?)\s*)?", re.I)
+_CONDITION = re.compile(r"\s*([^\s<>=]+)\s*(?:(<|>)\s*(-?[\d.]+(?:e-?\d+)?)\s*)?", re.I)
 
 
 @dataclass(frozen=True)
@@ -380,22 +380,13 @@ class Plan:
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
-        """Return the sweep of a folder.
+        """Return the sweep of a folder, of whatever version of the library.
 
         Raises:
-            InputError: there is none, or it was run by another version of the library.
+            InputError: there is none, or it cannot be used.
         """
-        path = folder / COPY
-        if not path.is_file():
-            raise InputError(f"holds no sweep: there is no {COPY}.", where=str(folder))
-        tables = read_toml(path)
-        version = tables.pop("version", None)
-        if version != __version__:
-            raise InputError(
-                f"was run by pinadapt {version}; this is {__version__}.",
-                where=str(folder),
-                hint="Take that version, or run the sweep again in another folder.",
-            )
+        tables = read_toml(folder / COPY)
+        del tables["version"]
         return cls.of(tables)
 
 
@@ -418,7 +409,7 @@ def _expanded(case: Record) -> list[Row]:
 
 
 def condition(text: str) -> tuple[str, str, float]:
-    """Return column, sign and number of "column < number"; a column alone is "== 1".
+    """Return column, sign and number of "column < number"; a column alone is "> 0".
 
     Raises:
         InputError: the text is neither.
@@ -431,7 +422,7 @@ def condition(text: str) -> tuple[str, str, float]:
             hint='Write a column and a bound, "error_share < 0.01".',
         )
     column, sign, bound = found.groups()
-    return column, sign or "==", float(bound or 1.0)
+    return column, sign or ">", float(bound or 0.0)
 
 
 def _import_folder(path: Path) -> Path:

@@ -164,14 +164,14 @@ class _TimeUp(BaseException):
 
 @contextmanager
 def _within(seconds: float | None) -> Iterator[None]:
-    """Raise ``_TimeUp`` after so many seconds, where the system has such signals."""
+    """Raise ``_TimeUp`` after so many seconds, in the main thread, which alone gets signals."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         """End the case."""
         raise _TimeUp
 
     main = threading.current_thread() is threading.main_thread()
-    if seconds is None or not main or not hasattr(signal, "SIGALRM"):
+    if seconds is None or not main:
         yield
         return
     before = signal.signal(signal.SIGALRM, stop)
@@ -229,9 +229,7 @@ def _end_with_parent() -> None:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Case) -> Row:
@@ -324,9 +322,7 @@ def _row(case: Case, future: Future[Row]) -> Row:
     error = future.exception()
     if error is None or isinstance(error, InputError):  # no process can be started
         return future.result()
-    reason = f"lost by the executor: {type(error).__name__}: {error}"
-    if isinstance(error, BrokenProcessPool):
-        reason = "its process ended: killed, out of memory, or a crash of compiled code"
+    reason = f"its process ended: {error!r}"
     ended = {"status": CRASHED, "reason": reason, "seconds": None}
     return {"case": case.number, "seed": case.seed, **case.values, **ended}
 
@@ -366,7 +362,7 @@ def sweep(
         executor: any ``concurrent.futures.Executor``; a number of processes, 0 for this one; None:
             a process for each core. A function has to be at the top of a module.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
-        timeout: [s] of a case, on systems with alarm signals.
+        timeout: [s] of a case.
         progress: whether to show a bar; None: if standard error is a terminal.
 
     Raises:
@@ -402,8 +398,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         raise InputError(
             "holds another sweep, or one of another version.",
             where=str(folder),
-            hint=f"Go on with that: pinadapt sweep {folder} --resume; or take another folder by "
-            "--out, or begin anew by --force.",
+            hint="Take another folder by --out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(

@@ -28,13 +28,6 @@ MAP, BANDS = FIGURES = ("map.png", "bands.png")
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
-_COMPARED = {
-    "<": np.less,
-    "<=": np.less_equal,
-    ">": np.greater,
-    ">=": np.greater_equal,
-    "==": np.equal,
-}
 
 
 class Rate(NamedTuple):
@@ -170,8 +163,8 @@ class SweepReport:
         name, sign, bound = condition(self.plan.success)
         if not self.plan.success and name not in self.table.names:
             return None
-        column = [np.nan if each is None else float(each) for each in self.table[name]]
-        return rate(_COMPARED[sign](np.array(column), bound) & ~self.table.lost)
+        column = np.array(self.table[name], dtype=float)  # None becomes NaN
+        return rate((column < bound if sign == "<" else column > bound) & ~self.table.lost)
 
     def verdict(self) -> str:
         """Return the outcome in one line."""

@@ -16,7 +16,7 @@ from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
 from .sweep_report import Rate, percentile, rate
-from .table import DONE, CaseTable, Row
+from .table import CaseTable, Row
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,8 @@ def tune(
         executor: as ``sweep`` has it.
 
     Raises:
-        InputError: a range cannot be used, a key is varied as well, or Optuna is not installed.
+        InputError: a range cannot be used, a key is varied as well, the cases have no such result,
+            or Optuna is not installed.
     """
     plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
     if vary:
@@ -110,8 +111,14 @@ def tune(
     def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
-        rows_ = rows(work_of(plan), changed, executor, plan.timeout)
-        return _judged(chosen, CaseTable(rows_), objective, share)
+        table = CaseTable(rows(work_of(plan), changed, executor, plan.timeout))
+        found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
+        errors = np.where(table.lost | np.isnan(found), np.inf, found)
+        value = percentile(errors, share).value
+        if not math.isfinite(value):
+            value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
+        follows = table["follows"] == 1 if "follows" in table.names else ~table.lost
+        return Judged(dict(chosen), value, errors, rate(follows & ~table.lost))
 
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -145,22 +152,6 @@ def tune(
         "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
     }
     return Tuned(numbers)
-
-
-def _judged(gains: Record, table: CaseTable, column: str, share: float) -> Judged:
-    """Return how the cases of a table ended.
-
-    Raises:
-        InputError: the cases have no such result.
-    """
-    lost = table["status"] != DONE
-    found = np.full(len(table), np.nan) if lost.all() else table[column].astype(float)
-    errors = np.where(lost | np.isnan(found), np.inf, found)
-    value = percentile(errors, share).value
-    if not math.isfinite(value):
-        value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
-    follows = table["follows"] if "follows" in table.names else ~lost
-    return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
 
 def searched(gains: Record, plan: Plan) -> dict[str, Values]:
