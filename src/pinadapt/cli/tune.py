@@ -33,7 +33,7 @@ def arguments(parser: ArgumentParser) -> None:
         nargs="+",
         action="extend",
         type=assignment,
-        default=[],
+        required=True,
         metavar="KEY=RANGE",
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )

@@ -50,11 +50,8 @@ def zoo(options: Namespace) -> int:
     write_json(folder / TABLE, rows)
     converged = sum(row["verdict"] == CONVERGED for row in rows)
     print(zoo_table(rows))
-    print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
-    if len(rows) < len(names):
-        print(f"interrupted, {len(names) - len(rows)} have not run")
-        return Exit.INTERRUPTED
-    return Exit.DONE
+    print(f"\n{converged} of {len(names)} converged; written to {folder / TABLE}")
+    return Exit.DONE if len(rows) == len(names) else Exit.INTERRUPTED
 
 
 def zoo_table(rows: Sequence[Record]) -> str:

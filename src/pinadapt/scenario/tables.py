@@ -23,7 +23,6 @@ from ..controller.limits import Limits
 from ..description.description import is_robot_name
 from ..description.urdf import is_path
 from ..exceptions import ScenarioError, did_you_mean
-from ..laws import LAWS
 from ..laws.law import NAMES
 from ..records import Sensors
 from ..robot.loading import load
@@ -36,7 +35,7 @@ from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.stacked import Stacked
 from ..trajectories.trajectory import Hold, Trajectory, Waypoints
 from ..tuning.make_controller import make_controller
-from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
+from ..tuning.rates import RATES
 from ..tuning.unknowns import Unknown
 
 Tables = dict[str, Any]
@@ -56,11 +55,6 @@ MOTIONS: dict[str, type[Trajectory]] = {
 }
 _OF_MOTIONS = ("kind", "as_given", "from_rest")
 _DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
-_WORDS = {
-    "law": tuple(LAWS),
-    "adaptation": ADAPTATIONS,
-    "kinematic_adaptation": KINEMATIC_ADAPTATIONS,
-}
 _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engine.plant.path")
 
 
@@ -116,11 +110,6 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
-def _by_name(hint: Any) -> bool:
-    """Return whether a type allows objects of a class by their names."""
-    return any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
-
-
 def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
@@ -152,7 +141,8 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
 def _value(hint: Any, value: Any, path: str) -> Any:
     """Return a value, or the objects that tables stand for, where the argument is of a class."""
     found = _classes(hint)
-    if _by_name(hint) and isinstance(value, Mapping):
+    named = any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
+    if named and isinstance(value, Mapping):
         tables = [isinstance(each, Mapping) for each in value.values()]
         if tables and all(tables):
             return {key: made(found[0], each, f"{path}.{key}") for key, each in value.items()}
@@ -218,9 +208,6 @@ def parts(tables: Tables) -> Tables:
             found[name] = read(table, name, make, names)
     if "source" not in found["robot"]:
         raise _required("robot.source")
-    for key, allowed in _WORDS.items():
-        if isinstance(value := found["controller"].get(key), str):
-            word(value, allowed, f"controller.{key}")
     truth, events = found["truth"], found["events"]
     truth["camera"] = [
         dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
@@ -268,7 +255,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
 
 
 def with_values(tables: Tables, values: Record) -> Tables:
-    """Return tables after writing values by dotted keys into them; tables of a list are numbered.
+    """Return tables after writing values by dotted keys into them.
 
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
@@ -277,10 +264,7 @@ def with_values(tables: Tables, values: Record) -> Tables:
         table: Any = tables
         *way, last = names = key.split(".")
         for part in way:
-            if isinstance(table, list) and part.isdigit() and int(part) < len(table):
-                table = table[int(part)]
-            else:
-                table = table.setdefault(part, {}) if isinstance(table, dict) else None
+            table = table.setdefault(part, {}) if isinstance(table, dict) else None
         if not all(names) or not isinstance(table, dict):
             raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
         table[last] = value

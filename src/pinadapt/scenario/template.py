@@ -145,16 +145,16 @@ class Template:
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
         """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
-        return {name: self._tool(self.robot.of_frame(name)) for name in self.robot.frames}
-
-    def _tool(self, robot: Robot) -> np.ndarray:
-        """Return the tool of a frame."""
-        frame, out = robot.placement(robot.q0), np.zeros(3)
-        place = robot.frame_task.place if robot.task.positions else slice(None)
-        out[place] = frame.translation[place]
-        length = TOOL_ERROR * robot.reach
-        tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
-        return np.round(tool, 3 - int(np.floor(np.log10(length))))
+        found = {}
+        for name in self.robot.frames:
+            robot, out = self.robot.of_frame(name), np.zeros(3)
+            frame = robot.placement(robot.q0)
+            place = robot.frame_task.place if robot.task.positions else slice(None)
+            out[place] = frame.translation[place]
+            length = TOOL_ERROR * robot.reach
+            tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
+            found[name] = np.round(tool, 3 - int(np.floor(np.log10(length))))
+        return found
 
     @cached_property
     def controller(self) -> Controller:

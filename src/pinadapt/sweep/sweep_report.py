@@ -45,20 +45,17 @@ class Rate(NamedTuple):
 
     def __str__(self) -> str:
         """Return the share in words."""
-        share = self.good / self.total if self.total else 0.0
         return (
-            f"{self.good} of {self.total} ({percent(share, 3)}; "
+            f"{self.good} of {self.total} ({percent(self.good / self.total, 3)}; "
             f"95% interval {percent(self.low, 3)} to {percent(self.high, 3)})"
         )
 
 
 def rate(which: np.ndarray) -> Rate:
-    """Return the share of true entries with Wilson's interval (Wilson 1927)."""
-    count, total = int(np.sum(which)), len(which)
-    if not total:
-        return Rate(0, 0, 0.0, 1.0)
+    """Return the share of true entries, one at least, with Wilson's interval (Wilson 1927)."""
     from scipy.stats import binomtest
 
+    count, total = int(np.sum(which)), len(which)
     found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, float(found.low), float(found.high))
 
