@@ -35,8 +35,6 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-SCENARIO = ".toml"
-
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
 # function of the same name runs the command and returns the exit status. A command that shares a
 # module with another one, see ``_SHARED``, has ``COMMAND_arguments``.
@@ -212,15 +210,6 @@ def add_out_file(parser: ArgumentParser, default: str) -> None:
         "--out", type=Path, metavar="FILE", help=f"scenario file to write (default: {default})"
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-
-
-def add_unadapted(parser: ArgumentParser) -> None:
-    """Add ``--unadapted``."""
-    parser.add_argument(
-        "--unadapted",
-        action="store_true",
-        help="run the same loop without adaptation as well and report its error",
-    )
 
 
 def add_description(parser: ArgumentParser) -> None:

@@ -13,9 +13,15 @@ from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
-from ..scenario.comparison import NOT_ADAPTED, comparison_table, laws_for, pairs_of, run_beside
+from ..scenario.comparison import (
+    NOT_ADAPTED,
+    comparison_table,
+    laws_for,
+    run_beside,
+    under_laws,
+)
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_unadapted, names, status_of
+from .command_line import Exit, add_out, add_scenario, names, status_of
 from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -32,7 +38,6 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="A,B",
         help=f"names among {', '.join(LAWS)} (default: all that fit the task)",
     )
-    add_unadapted(parser)
 
 
 def compare(options: Namespace) -> int:
@@ -45,12 +50,13 @@ def compare(options: Namespace) -> int:
     folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
-    pairs = list(pairs_of(options.scenario, laws, options.set, options.unadapted))
-    for law, (scenario, _) in zip(laws, pairs, strict=True):
+    scenarios = list(under_laws(options.scenario, laws, options.set))
+    for law, scenario in zip(laws, scenarios, strict=True):
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
     check_writable(folder)
     with one_run(folder, _FILES) as beside:
+        pairs = [(scenario, None) for scenario in scenarios]
         rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])

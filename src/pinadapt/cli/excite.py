@@ -15,7 +15,6 @@ from ..scenario.scenario import Scenario
 from ..scenario.template import significant
 from ..tuning.unknowns import Unknown
 from .command_line import (
-    SCENARIO,
     add_arguments_of,
     add_out_file,
     check_new,
@@ -61,7 +60,7 @@ def excite(options: Namespace) -> int:
     """
     source: str = options.source
     name = Path(source.removesuffix(".xacro")).stem if is_path(source) else source
-    out = options.out or Path(f"{name}_excited{SCENARIO}")
+    out = options.out or Path(f"{name}_excited.toml")
     check_new(out, force=options.force)
     robot = load(source, frame=options.frame)
     bodies, joint = one_word(options.unknown) or "all", one_word(options.joint) or "all"

@@ -20,11 +20,9 @@ from ..identification.torque_check import check_torques
 from ..logs.import_options import MOUNTS, REPEATED, SUFFIX, ImportOptions, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..scenario.scenario import Scenario
-from ..scenario.tables import parts, toml_value
+from ..scenario.tables import toml_value
 from ..tuning.unknowns import Unknown
 from .command_line import (
-    SCENARIO,
     Exit,
     add_arguments_of,
     add_description,
@@ -104,7 +102,7 @@ def _add_log_and_robot(parser: ArgumentParser) -> None:
         "--robot",
         required=True,
         metavar="ROBOT",
-        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
+        help="URDF, xacro or MJCF file, or a name as for `init`",
     )
     add_arguments_of(parser, load, {"frame": str})
     parser.add_argument(
@@ -236,7 +234,7 @@ def identify(options: Namespace) -> int:
         return max(_write_import_options(options, log, intake) for log in options.log)
     folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-identified"
     _check_place(folder, FILES)
-    robot, unknown = _robot_and_unknown(options)
+    robot = _robot(options)
     compared = {
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
@@ -247,7 +245,7 @@ def identify(options: Namespace) -> int:
             options.log,
             robot,
             intake=intake,
-            unknown=unknown.with_names(**named),
+            unknown=Unknown().with_names(**named),
             **given(options, ("test", "empty", "total_mass", "known_load")),
             mass_bounds=dict(options.mass_bounds or ()),
         )
@@ -283,7 +281,7 @@ def calibrate(options: Namespace) -> int:
     """
     folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-calibrated"
     _check_place(folder, calibration.FILES)
-    robot, _ = _robot_and_unknown(options)
+    robot = _robot(options)
     found = calibration.calibrate(
         options.log,
         robot,
@@ -302,7 +300,7 @@ def calibrate(options: Namespace) -> int:
 def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = options.intake or place_beside(source)
-    robot, _ = _robot_and_unknown(options)
+    robot = _robot(options)
     intake = ImportOptions.of(ImportOptions.beside(source)) if intake is None else intake
     log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
@@ -331,13 +329,7 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
         )
 
 
-def _robot_and_unknown(options: Namespace) -> tuple[Robot, Unknown]:
-    """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
+def _robot(options: Namespace) -> Robot:
+    """Return the robot of the options."""
     chosen = given(options, ("frame", "task", "mass"))
-    chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
-    if Path(options.robot).suffix != SCENARIO:
-        return load(options.robot, **chosen), Unknown()
-    if any(chosen.values()):
-        raise InputError("the scenario says which frame, task and joints.", where="robot")
-    scenario = Scenario.read(Path(options.robot))
-    return scenario.estimated, parts(scenario.tables)["unknown"]
+    return load(options.robot, locked=options.lock or (), xacro=dict(options.xacro), **chosen)

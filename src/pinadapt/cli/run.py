@@ -14,7 +14,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_settings, add_unadapted, status_of
+from .command_line import Exit, add_out, add_scenario, add_settings, status_of
 
 RUN_FILES = (
     "rollout.npz",
@@ -36,7 +36,11 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--live", action="store_true", help="show the run in a browser, at most in real time"
     )
-    add_unadapted(parser)
+    parser.add_argument(
+        "--unadapted",
+        action="store_true",
+        help="run the same loop without adaptation as well and report its error",
+    )
 
 
 def run(options: Namespace) -> int:

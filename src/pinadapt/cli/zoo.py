@@ -8,12 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from .._output import Record, check_writable, records_table, write_json
-from ..description.catalogue import catalogue_entry
-from ..laws import LAWS
+from ..description.catalogue import catalogue, catalogue_entry
 from ..simulation.simulate import watched
-from ..tasks.task import DISPLAYS
-from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo, zoo_names
-from .command_line import Exit, add_arguments_of, add_out, add_processes, given, names
+from ..zoo.experiment import CONVERGED, run_zoo
+from .command_line import Exit, add_out, add_processes, names
 
 TABLE = "zoo.json"
 
@@ -21,27 +19,18 @@ TABLE = "zoo.json"
 def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "--robots",
-        type=names,
-        metavar="A,B",
-        help="names from `pinadapt robots` (default: all that fit the task)",
+        "--robots", type=names, metavar="A,B", help="names from `pinadapt robots` (default: all)"
     )
-    laws = [law for law in LAWS.values() if law.adapts and not (law.joint_space or law.set_point)]
-    types = {"law": tuple(law.name for law in laws), "task": (POSITION, POSE), "seed": int}
-    add_arguments_of(parser, run_zoo, types)
     add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 
 def zoo(options: Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = zoo_names(options.task or POSITION)
-    if options.robots:
-        names = [catalogue_entry(name).name for name in options.robots]
+    names = [catalogue_entry(name).name for name in options.robots or catalogue()]
     folder: Path = options.out
     check_writable(folder)
-    chosen = given(options, ("law", "task", "seed", "processes"))
-    coming = run_zoo(names, **chosen)
+    coming = run_zoo(names, options.processes)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
@@ -60,8 +49,6 @@ def zoo_table(rows: Sequence[Record]) -> str:
         "radius [m]": ("radius", 1.0, 3),
         "unadapted [mm]": ("unadapted", 1e3, 3),
         "adapted [mm]": ("adapted", 1e3, 3),
-        "unadapted [deg]": ("unadapted_angle", DISPLAYS["rad"].scale, 3),
-        "adapted [deg]": ("adapted_angle", DISPLAYS["rad"].scale, 3),
         "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
         "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
     }

@@ -341,7 +341,6 @@ def sweep(
     executor: Executor | int | None = None,
     folder: Path | str | None = None,
     timeout: float | None = None,
-    progress: bool | None = None,
 ) -> CaseTable:
     """Run a scenario, or a function, with many values and return one table.
 
@@ -363,7 +362,6 @@ def sweep(
             a process for each core. A function has to be at the top of a module.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
         timeout: [s] of a case.
-        progress: whether to show a bar; None: if standard error is a terminal.
 
     Raises:
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
@@ -378,7 +376,7 @@ def sweep(
         what["case"] = [mapping(each, "cases") for each in cases]
     plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
-    return run_plan(plan, executor, place, shown=progress)
+    return run_plan(plan, executor, place)
 
 
 def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Path:
@@ -415,7 +413,6 @@ def run_plan(
     folder: Path | None = None,
     *,
     retry: bool = False,
-    shown: bool | None = None,
 ) -> CaseTable:
     """Run the cases of a sweep that have no row yet, and return the table of all.
 
@@ -424,7 +421,6 @@ def run_plan(
         executor: as of ``rows``.
         folder: that holds the rows, of one process at a time; None: memory.
         retry: whether what crashed, failed or took too long runs again.
-        shown: whether to show a bar; None: on a terminal.
 
     Raises:
         InputError: no case can run.
@@ -441,7 +437,7 @@ def run_plan(
         desc="sweep",
         total=len(plan.cases),
         initial=len(done),
-        disable=None if shown is None else not shown,
+        disable=None,  # but on a terminal
         leave=False,
     )
     if folder is None:

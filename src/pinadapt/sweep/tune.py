@@ -70,7 +70,6 @@ def tune(
     work: Plan | Path | str,
     gains: Record,
     *,
-    vary: Record | None = None,
     samples: int | None = None,
     trials: int = 40,
     objective: str = "error_share",
@@ -81,11 +80,10 @@ def tune(
     """Search gains, validate them on other seeds, and say whether the defaults are as good.
 
     Args:
-        work: a sweep, its file, or a scenario file with ``vary``: the cases over which gains are
-            judged. Each trial runs all of them.
+        work: a sweep or its file: the cases over which gains are judged. Each trial runs all of
+            them.
         gains: what is searched, by key: "loguniform(5, 100)", "uniform(a, b)", or a list of
             choices.
-        vary: further values of the cases, as ``sweep`` has them.
         samples: number of samples of the distributions.
         trials: number of gains that are tried.
         objective: the result whose percentile is minimised.
@@ -99,8 +97,6 @@ def tune(
             or Optuna is not installed.
     """
     plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
-    if vary:
-        plan = replace(plan, vary={**plan.vary, **vary})
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)

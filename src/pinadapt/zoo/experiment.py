@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._checks import whole
 from .._output import Record
 from ..controller.controller import PERIOD
 from ..controller.limits import Limits
-from ..description.catalogue import catalogue, catalogue_entry
+from ..description.catalogue import catalogue_entry
 from ..description.chain import effort_limits
 from ..exceptions import PinadaptError
 from ..laws import DEFAULT
@@ -156,12 +155,6 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
 
 
-def zoo_names(task: str = POSITION) -> list[str]:
-    """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
-    least = 6 if task == POSE else 0  # position and orientation
-    return [name for name, entry in catalogue().items() if entry.joints >= least]
-
-
 def zoo_numbers(
     robot: str,
     law: str = DEFAULT,
@@ -212,33 +205,20 @@ def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None)
     return {**found, "verdict": _verdict(case, found, adapted)}
 
 
-def run_zoo(
-    names: Sequence[str],
-    law: str = DEFAULT,
-    *,
-    seed: int = 0,
-    processes: int | None = None,
-    task: str = POSITION,
-) -> Iterator[Row]:
+def run_zoo(names: Sequence[str], processes: int | None = None) -> Iterator[Row]:
     """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
 
     Args:
         names: names in the catalogue.
-        law: an adaptive law (default: separation).
-        seed: of friction, tools and model errors (default: 0).
         processes: number of processes, 0 for none besides this one; None: one per core.
-        task: position, a circle (default), or pose, a circle with a swinging tool, for chains of
-            six and more joints.
 
     Raises:
         RobotError: a name is not in the catalogue.
     """
-    whole(seed, "seed", 0)
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    fixed = {"law": law, "task": task, "case_seed": seed}
-    plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
+    plan = Plan(function=zoo_numbers, case=[{"robot": name} for name in longest_first])
     for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
