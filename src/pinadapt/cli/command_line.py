@@ -266,15 +266,8 @@ def check_new(file: Path, *, force: bool) -> None:
 
 
 def names(text: str) -> list[str]:
-    """Return the names in a comma-separated list, without repetitions.
-
-    Raises:
-        ArgumentTypeError: the list is empty.
-    """
-    found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if not found:
-        raise ArgumentTypeError("at least one name is expected")
-    return found
+    """Return the names in a comma-separated list, without repetitions."""
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def one_word(found: list[str] | None) -> str | list[str] | None:

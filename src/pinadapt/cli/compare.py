@@ -51,9 +51,6 @@ def compare(options: Namespace) -> int:
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
     scenarios = list(under_laws(options.scenario, laws, options.set))
-    for law, scenario in zip(laws, scenarios, strict=True):
-        for finding in scenario.findings():
-            warnings.warn(f"{law}: {finding}", stacklevel=1)
     check_writable(folder)
     with one_run(folder, _FILES) as beside:
         pairs = [(scenario, None) for scenario in scenarios]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from .command_line import (
     names,
     one_word,
 )
-from .init import warn_of_findings
 
 _SEARCH = {
     **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
@@ -86,6 +86,7 @@ def excite(options: Namespace) -> int:
     }
     scenario = Scenario.build(tables, out.parent)
     write_text(out, f"# {_HEADER}\n{tomlkit.dumps(tables)}")
-    warn_of_findings(scenario)
+    for finding in scenario.findings():
+        warnings.warn(finding, stacklevel=1)
     print(f"\npinadapt run {out}")
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
@@ -189,11 +189,9 @@ def _listed(text: str) -> Any:
     """Return a value, several ones, or values by name; what can be a number is one.
 
     Raises:
-        ArgumentTypeError: there is none, or an equals sign is missing.
+        ArgumentTypeError: an equals sign is missing.
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not parts:
-        raise ArgumentTypeError("at least one value is expected")
     if "=" in text:
         return {name: toml_value(value) for name, value in map(assignment, parts)}
     values = [toml_value(part) for part in parts]

@@ -56,16 +56,7 @@ def init(options: Namespace) -> int:
             f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint; several ends: "
             "--frame A,B; feet to stand on: --contacts A,B,C."
         )
-    warn_of_findings(Scenario.read(file))
+    for finding in Scenario.read(file).findings():
+        warnings.warn(finding, stacklevel=1)
     print(f"\npinadapt run {file}")
     return 0
-
-
-def warn_of_findings(scenario: Scenario) -> None:
-    """Warn of what the pre-run check finds in a scenario, or say that it passed."""
-    found = scenario.findings()
-    for finding in found:
-        warnings.warn(finding, stacklevel=2)
-    if not found:
-        law, dt = scenario.controller.law.name, scenario.engine.period(scenario.controller)
-        print(f"Pre-run check passed: '{law}' is stable at {1e3 * dt:g} ms.")

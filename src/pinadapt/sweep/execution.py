@@ -132,8 +132,14 @@ def work_of(plan: Plan) -> Work:
 
 # of ``summary.json``
 _KEPT = (
-    *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
-    *("max_tool_error_last", "saturated", "diverged"),
+    "error_share",
+    "max_error_first",
+    "max_error_last",
+    "rms_error_last",
+    "max_angle_last",
+    "max_tool_error_last",
+    "saturated",
+    "diverged",
 )
 
 

@@ -24,7 +24,7 @@ from .cases import Plan, condition
 from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
-MAP, BANDS = FIGURES = ("map.png", "bands.png")
+MAP, BANDS = "map.png", "bands.png"
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
@@ -123,7 +123,7 @@ class SweepReport:
     @cached_property
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
-        there = [name for name in self._varied if name in self.table.names]
+        there = (name for name in self._varied if name in self.table.names)
         return [name for name in there if len(set(map(str, self.table[name]))) > 1]
 
     @cached_property
@@ -238,8 +238,6 @@ class SweepReport:
 
     def save(self, folder: Path) -> None:
         """Write ``report.html``, ``report.json`` and the figures into a folder."""
-        for name in FIGURES:
-            (folder / name).unlink(missing_ok=True)
         for name, drawn in self._pictures.items():
             write_text(folder / name, drawn)
         write_json(folder / NUMBERS, self.summary())
@@ -288,7 +286,7 @@ def _axes(x: str, y: str) -> tuple[Picture, Any]:
 
 def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return places (k) on an axis and the cases of each: single values, or classes of them."""
-    distinct, which = np.unique(column, return_inverse=True)
-    which = which * _CLASSES // max(len(distinct), _CLASSES)
-    groups = [np.flatnonzero(which == k) for k in np.unique(which)]
+    distinct = np.unique(column)
+    parts = np.array_split(distinct, min(len(distinct), _CLASSES))
+    groups = [np.flatnonzero(np.isin(column, part)) for part in parts]
     return np.array([float(np.median(column[g])) for g in groups]), groups

@@ -24,8 +24,6 @@ from ..models.bodies import ALL, chosen_bodies
 from ..models.dynamics import Dynamics
 from ..models.joint_effects import JointEffects
 from ..models.linear_kinematics import OFF
-from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import LOAD, Robot
 from .defaults import (
@@ -80,20 +78,6 @@ _WIDTH = 3.0
 # in 1 / bandwidth: encoder noise then adds as much information as the prior; half, twice: noisy
 # encoders count for more, for less
 _HORIZON = 2000.0
-
-
-def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
-    """Return the kind of kinematic adaptation of a controller that names none but adapts.
-
-    It is "least-squares" with a law that learns from positions where the tool, the base or both are
-    unknown, else "gradient". The prediction of a position is exact for the true translations,
-    whatever the torque does and however late the frame is, and least squares averages the noise
-    of frames. Where lengths of links are unknown too, a motion hardly separates them, and a fast
-    change of them disturbs the estimates of the inertias with which they are multiplied. Published
-    laws keep what is published.
-    """
-    few = all(part.joint in (None, FIRST) for part in kinematics.translations)
-    return LeastSquares.name if law.uses_position_error and few else "gradient"
 
 
 def metric_of(kind: str) -> str:

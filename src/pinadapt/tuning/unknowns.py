@@ -218,21 +218,13 @@ class Unknown:
 
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
-    """Return the kinematics of the model, with the constraints of the robot.
+    """Return the kinematics of the model, without the constraints of the robot.
 
     By default the tool is unknown, of a joint task and of a robot that stands nothing.
 
     Raises:
         InputError: unknown translations that cannot be used, or not by this law.
     """
-    kinematics = _kinematics_of_task(robot, unknown, law)
-    if robot.constraints:
-        kinematics.constraints = robot.constrained
-    return kinematics
-
-
-def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
-    """Return the kinematics of the task; see ``nominal_kinematics``."""
     if isinstance(robot.task, JointTask | ComTask):
         known = JointKinematics if isinstance(robot.task, JointTask) else ComKinematics
         return known(robot, unknown.translation_words(tool=False))
@@ -242,25 +234,17 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     if isinstance(robot.task, FramesTask):
         return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
-    if geometry and (tracked or set(others) - {TOOL}):
+    filmed = isinstance(robot.task, ImageTask)
+    if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
         raise ParameterError(
-            f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base, and nothing "
-            f"stands beside it; got {[TRACKER] * tracked + others}.",
+            f"'{GEOMETRY}' contains base, joints and tool, and stands alone; '{TRACKER}' is of "
+            "measured positions; with the task 'image' the camera is unknown in place of both.",
             where="unknown.translations",
             hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
-    if isinstance(robot.task, ImageTask):
-        if tracked or geometry:
-            raise ParameterError(
-                f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
-                f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
-                where="unknown.translations",
-                hint='Take ["camera", "tool"].',
-            )
-        place, kinematics = (
-            CAMERA,
-            CameraKinematics(robot, [word for word in others if word != CAMERA]),
-        )
+    if filmed:
+        others = [word for word in others if word != CAMERA]
+        place, kinematics = CAMERA, CameraKinematics(robot, others)
     elif geometry:
         place, kinematics = GEOMETRY, FrameKinematics(robot, GEOMETRY)
     elif tracked:  # it contains the position of the base
