@@ -86,7 +86,7 @@ def calibrate_arguments(parser: ArgumentParser) -> None:
     _add_import_options(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
-    parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
+    parser.set_defaults(task=None, test=[], empty=None)
 
 
 def _add_log_and_robot(parser: ArgumentParser) -> None:
@@ -118,9 +118,6 @@ def _add_import_options(parser: ArgumentParser) -> argparse._ArgumentGroup:
     group = parser.add_argument_group(
         "how the log is read",
         f"these options override the file beside the log: run{SUFFIX} of run.csv",
-    )
-    group.add_argument(
-        "--intake", type=Path, metavar="FILE", help="in place of the file beside the log"
     )
     group.add_argument(
         "--columns",
@@ -206,20 +203,17 @@ def _import_options(options: Namespace) -> ImportOptions | None:
     """
     said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     said["columns"] = dict(said["columns"]) or None
-    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
-    if options.intake is None and all(value is None for value in said.values()):
+    if all(value is None for value in said.values()):
         return None
+    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
-    if options.intake is None and beside:
+    if beside:
         raise InputError(
             f"options apply to all logs, but {beside[0]} states how one of them is read.",
             where="identify",
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
-    place = options.intake or ImportOptions.beside(logs[0])
-    if options.write_intake and place is not None and not place.is_file():
-        place = None  # it is to be written
-    return ImportOptions.of(place).updated(**said)
+    return ImportOptions.of(ImportOptions.beside(logs[0])).updated(**said)
 
 
 def identify(options: Namespace) -> int:
@@ -297,7 +291,7 @@ def calibrate(options: Namespace) -> int:
 
 def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
-    place = options.intake or place_beside(source)
+    place = place_beside(source)
     robot = _robot(options)
     intake = ImportOptions.of(ImportOptions.beside(source)) if intake is None else intake
     log, described = log_and_robot(source, robot, intake)

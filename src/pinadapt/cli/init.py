@@ -47,9 +47,8 @@ def init(options: Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
-    ends = "', '".join(contact.frame for contact in robot.contacts) or "', '".join(robot.frames)
-    which = "the whole robot" if template.whole else f"to '{ends}'"
-    which = f"standing on '{ends}'" if robot.contacts else which
+    ends = [contact.frame for contact in robot.contacts] or robot.frames
+    which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
     if robot.locked:
         print(

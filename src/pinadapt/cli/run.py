@@ -183,21 +183,16 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
         with one_run(folder, RUN_FILES) as beside:
             rollout.save(beside)
             rollout.plot(beside)
-            _keep_learned(rollout, beside)
+            if rollout.kinematic_names or rollout.dynamic_names:
+                try:
+                    rollout.parameters().save(beside / "learned.json")
+                    if rollout.evaluated().controller.dynamics.per_body:
+                        rollout.learned().save(beside / "learned.urdf")
+                except InputError as reason:
+                    words = "some learned parameters were not written"
+                    print(f"pinadapt: {words}: {reason}", file=sys.stderr)
             if html:
                 rollout.animate().save(beside / "animation.html")
     except OSError as error:
         words = f"{folder}: not all could be written: {error.strerror or error}."
         raise OSError(words) from error
-
-
-def _keep_learned(rollout: Rollout, folder: Path) -> None:
-    """Write the learned parameters, if any: as JSON and, if they are those of bodies, as URDF."""
-    if not (rollout.kinematic_names or rollout.dynamic_names):
-        return
-    try:
-        rollout.parameters().save(folder / "learned.json")
-        if rollout.evaluated().controller.dynamics.per_body:
-            rollout.learned().save(folder / "learned.urdf")
-    except InputError as reason:
-        print(f"pinadapt: some learned parameters were not written: {reason}", file=sys.stderr)

@@ -70,9 +70,5 @@ def tune(options: Namespace) -> int:
         **given(options, ("trials", "objective", "validation")),
     )
     write_json(folder / FILE, found.numbers)
-    if found.numbers["better"]:
-        print(
-            "--set " + " ".join(f"{key}={value}" for key, value in found.numbers["gains"].items())
-        )
     print(f"{found}\n\nwritten to {folder}")
     return Exit.DONE

@@ -272,12 +272,15 @@ class Plan:
             InputError: the file cannot be used.
         """
         tables, folder = read_toml(path), path.resolve().parent
+        above = folder  # from which modules beside the file are imported
+        while (above / "__init__.py").is_file():
+            above = above.parent
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
             tables["scenario"], folder = read_toml(named), named.resolve().parent
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
-        tables = {"path": str(_import_folder(path)), "folder": str(folder)} | tables
+        tables = {"path": str(above), "folder": str(folder)} | tables
         varied = dict(setting(text, "--vary") for text in vary)
         tables["vary"] = flat(tables.get("vary", {})) | varied
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
@@ -326,12 +329,6 @@ class Plan:
             return tuple(values)
         names = tuple(described_robot(self._tables(dict(*self.case[:1]))).joint_names)
         return tuple(each.by_joint(names) for each in values)
-
-    @property
-    def keys(self) -> list[str]:
-        """The keys that are varied, in order."""
-        listed = dict.fromkeys(key for case in self.case for key in case)
-        return [*listed, *(each.key for each in self.values)]
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -423,11 +420,3 @@ def condition(text: str) -> tuple[str, str, float]:
         )
     column, sign, bound = found.groups()
     return column, sign or ">", float(bound or 0.0)
-
-
-def _import_folder(path: Path) -> Path:
-    """Return the folder from which modules beside a file are imported: the first no package."""
-    folder = path.resolve().parent
-    while (folder / "__init__.py").is_file():
-        folder = folder.parent
-    return folder

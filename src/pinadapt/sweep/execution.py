@@ -17,7 +17,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     Executor,
-    Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
@@ -261,26 +260,19 @@ def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Cas
     return own.pool.submit(task, case).result()
 
 
-@contextmanager
-def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads; processes that they start end with the block, whatever they do then."""
-    others, threads = set(active_children()), ThreadPoolExecutor(count)
-    try:
-        yield threads
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)
-        for process in set(active_children()) - others:
-            process.kill()
-
-
 def _as_ended(
     executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case]
 ) -> Iterator[Row]:
-    """Yield the rows of cases as they end."""
+    """Yield the rows of cases as they end, or are lost with their process."""
     futures = {executor.submit(task, case): case for case in cases}
     try:
         for future in as_completed(futures):
-            yield _row(futures[future], future)
+            case, error = futures[future], future.exception()
+            if error is None or isinstance(error, InputError):  # no process can be started
+                yield future.result()
+                continue
+            ended = {"status": CRASHED, "reason": f"its process ended: {error!r}", "seconds": None}
+            yield {"case": case.number, "seed": case.seed, **case.values, **ended}
     finally:
         for future in futures:
             future.cancel()
@@ -318,19 +310,14 @@ def rows(
         if isinstance(executor, Executor):
             yield from _as_ended(executor, task, cases)
             return
-        with _threads(executor or cores()) as threads:
+        others, threads = set(active_children()), ThreadPoolExecutor(executor or cores())
+        try:
             own = partial(_in_own_process, threading.local(), task)
             yield from _as_ended(threads, own, cases)
-
-
-def _row(case: Case, future: Future[Row]) -> Row:
-    """Return the row of a case that has ended, or was lost with its process."""
-    error = future.exception()
-    if error is None or isinstance(error, InputError):  # no process can be started
-        return future.result()
-    reason = f"its process ended: {error!r}"
-    ended = {"status": CRASHED, "reason": reason, "seconds": None}
-    return {"case": case.number, "seed": case.seed, **case.values, **ended}
+        finally:  # processes that the threads have started end, whatever they do then
+            threads.shutdown(wait=False, cancel_futures=True)
+            for process in set(active_children()) - others:
+                process.kill()
 
 
 # --- the whole sweep ---

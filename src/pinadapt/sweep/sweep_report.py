@@ -21,7 +21,7 @@ from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
-from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
+from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = "map.png", "bands.png"
@@ -221,9 +221,11 @@ class SweepReport:
         )
         return html_page(self.title, [self.sheet().html(), *pictures])
 
-    def summary(self) -> Row:
-        """Return the numbers of the report."""
-        return {
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``report.json`` and the figures into a folder."""
+        for name, drawn in self._pictures.items():
+            write_text(folder / name, drawn)
+        numbers = {
             "title": self.title,
             "verdict": self.verdict(),
             "cases": len(self.table),
@@ -235,12 +237,7 @@ class SweepReport:
             },
             "version": __version__,
         }
-
-    def save(self, folder: Path) -> None:
-        """Write ``report.html``, ``report.json`` and the figures into a folder."""
-        for name, drawn in self._pictures.items():
-            write_text(folder / name, drawn)
-        write_json(folder / NUMBERS, self.summary())
+        write_json(folder / NUMBERS, numbers)
         write_text(folder / PAGE, self.page())
 
     @cached_property
@@ -267,7 +264,11 @@ class SweepReport:
 
     def bands(self, x: str) -> Picture:
         """Return percentiles of the main result over one parameter; lost cases leave gaps."""
-        values, (places, groups) = self.values(self.main), _classes(self.table[x])
+        values, column = self.values(self.main), self.table[x]
+        distinct = np.unique(column)
+        parts = np.array_split(distinct, min(len(distinct), _CLASSES))
+        groups = [np.flatnonzero(np.isin(column, part)) for part in parts]
+        places = [np.median(column[g]) for g in groups]
         levels = [np.quantile(values[g], PERCENTILES, method="inverted_cdf") for g in groups]
         low, median, high = np.where(np.isfinite(levels), levels, np.nan).T
         figure, ax = _axes(x, self.main)
@@ -282,11 +283,3 @@ def _axes(x: str, y: str) -> tuple[Picture, Any]:
     with matplotlib.rc_context(RC):
         figure = Picture(figsize=(7.0, 4.6), layout="constrained")
         return figure, figure.add_subplot(xlabel=literal(x), ylabel=literal(y))
-
-
-def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return places (k) on an axis and the cases of each: single values, or classes of them."""
-    distinct = np.unique(column)
-    parts = np.array_split(distinct, min(len(distinct), _CLASSES))
-    groups = [np.flatnonzero(np.isin(column, part)) for part in parts]
-    return np.array([float(np.median(column[g])) for g in groups]), groups

@@ -161,7 +161,8 @@ def searched(gains: Record, plan: Plan) -> dict[str, Values]:
         values = Values.of(key, value)
         if not values.drawn:
             values = replace(values, kind="choice")
-        if values.shape or values.kind == "normal" or key in plan.keys:
+        varied = any(key in case.values for case in plan.cases)
+        if values.shape or values.kind == "normal" or varied:
             raise InputError(
                 "give one uniform, loguniform or choice, of what the sweep does not vary.",
                 where=key,

@@ -48,9 +48,9 @@ from .rates import (
     ADAPTATIONS,
     KINEMATIC_ADAPTATIONS,
     MEMORIES,
+    METRICS,
     RATES,
     dynamic_adaptation,
-    metric_of,
     predicting_kind,
     with_prediction_weight,
 )
@@ -142,7 +142,7 @@ def make_controller(
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen, kinematics)
     modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
-    lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
+    lengths = lumped_lengths(kinematics, unknown, METRICS.get(kind, kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
     if adaptation is None and kind == "natural" and chosen.remembers and dynamics.per_body:

@@ -209,13 +209,6 @@ class Unknown:
             words.append(TOOL)
         return words
 
-    def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
-        """Return the unknown joint coefficients, those by default unless stated otherwise."""
-        usual = chosen_kinds(default)
-        said = {kind: self.armature if kind == "armature" else self.friction for kind in USUAL}
-        kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
-        return *kinds, *chosen_kinds(self.effects)
-
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
     """Return the kinematics of the model, without the constraints of the robot.
@@ -278,7 +271,10 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    kinds = unknown.joint_kinds(joint)
+    usual, own = chosen_kinds(joint), {"armature": unknown.armature}
+    said = {kind: own.get(kind, unknown.friction) for kind in USUAL}
+    kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
+    kinds += chosen_kinds(unknown.effects)
     stacked = bool(kinds) or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case

@@ -181,28 +181,23 @@ def zoo_numbers(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
-            row |= _measured(robot, law, case_seed, task, adaptation or None)
+            case = zoo_case(robot, case_seed, POSE if task == POSE else None)
+            adapted = _run(case, law, adaptation or None, case.duration)
+            unadapted = _run(case, law, "none", case.repeating)
+            row |= {
+                "joints": case.true.model.nv,
+                "radius": case.radius,
+                "unadapted": _last(case, unadapted, unadapted.distance),
+                "adapted": _last(case, adapted, adapted.distance),
+                "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+                "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+                "unadapted_angle": _last(case, unadapted, unadapted.angle),
+                "adapted_angle": _last(case, adapted, adapted.angle),
+            }
+            row["verdict"] = _verdict(case, row, adapted)
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
-
-
-def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> Row:
-    """Return what both runs of a robot gave, with the verdict."""
-    case = zoo_case(name, seed, POSE if task == POSE else None)
-    adapted = _run(case, law, adaptation, case.duration)
-    unadapted = _run(case, law, "none", case.repeating)
-    found = {
-        "joints": case.true.model.nv,
-        "radius": case.radius,
-        "unadapted": _last(case, unadapted, unadapted.distance),
-        "adapted": _last(case, adapted, adapted.distance),
-        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
-        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
-        "unadapted_angle": _last(case, unadapted, unadapted.angle),
-        "adapted_angle": _last(case, adapted, adapted.angle),
-    }
-    return {**found, "verdict": _verdict(case, found, adapted)}
 
 
 def run_zoo(names: Sequence[str], processes: int | None = None) -> Iterator[Row]:
