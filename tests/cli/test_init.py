@@ -1,5 +1,6 @@
 """``pinadapt init``: its scenario runs without changes and reports the choices."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -76,13 +77,17 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     assert not list(tmp_path.glob("*.toml"))
 
 
-def test_a_leg_of_several_says_how_to_take_the_whole_robot(tmp_path, capsys):
+def test_a_description_of_several_legs_offers_the_whole_robot_first(tmp_path, capsys):
     file = written(tmp_path, "solo12")
-    found, left = capsys.readouterr().out.splitlines()[:2]
-    assert found.startswith(f"{file}: 3 joints, ")
-    assert left.startswith("Not controlled: FR_HAA") and "--task joint" in left
-    written(tmp_path, "solo12", "--task", "joint", "--force")
-    assert f"{file}: 12 joints, the whole robot" in capsys.readouterr().out
+    first, *commands, found, _, left = capsys.readouterr().out.splitlines()[:6]
+    assert first == "An arm or leg of 4. For the whole robot:" and "3 joints" in found
+    for command, n in zip(commands, (12, 18), strict=True):
+        assert main(shlex.split(command)[1:]) == 0
+        assert f"{file}: {n} joints, " in capsys.readouterr().out.splitlines()[0]
+    assert commands[1].split()[3:5] == ["--contacts", "FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT"]
+    assert left.startswith("Not controlled: FR_HAA")
+    written(tmp_path, ARM4, "--force")
+    assert "whole" not in capsys.readouterr().out
 
 
 def test_a_standing_robot_carries_an_unknown_load_on_a_circle(tmp_path, capsys):

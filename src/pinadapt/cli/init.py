@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
 from pathlib import Path
 
 from .._output import write_text
+from ..robot.loading import limbs
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
 from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
@@ -17,6 +21,7 @@ _CHOICES = {
     "task": str,
     "tracker": bool,
 }
+_FOOT = re.compile(r"foot|sole|toe|ankle|contact")  # in names of ends of legs
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -47,15 +52,36 @@ def init(options: Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
+    found = limbs(robot)
+    if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
+        print(f"An arm or leg of {len(found)}. For the whole robot:")
+        print(*(f"  {each}" for each in _commands(options, found)), sep="\n")
     ends = [contact.frame for contact in robot.contacts] or robot.frames
     which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
     if robot.locked:
-        print(
-            f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint; several ends: "
-            "--frame A,B; feet to stand on: --contacts A,B,C."
-        )
+        moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
+        print(f"Controlled: {', '.join(moved)}.")
+        print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
     for finding in Scenario.read(file).findings():
         warnings.warn(finding, stacklevel=1)
     print(f"\npinadapt run {file}")
     return 0
+
+
+def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
+    """Yield commands that take all joints, the ends of all arms, and all feet, of which three hold.
+
+    They write the same file as the command with these options.
+    """
+    out = [] if options.out is None else ["--out", str(options.out)]
+    mass = [] if options.mass is None else ["--mass", f"{options.mass:g}"]
+    xacro = [part for name, value in options.xacro for part in ("--xacro", f"{name}={value}")]
+    feet = [end for end in limbs if _FOOT.search(end.lower())]
+    arms = [end for end in limbs if end not in feet]
+    choices = [["--task", "joint"]]
+    choices += [["--frame", ",".join(arms)]] if len(arms) > 1 else []
+    choices += [["--contacts", ",".join(feet)]] if len(feet) > 2 else []
+    for choice in choices:
+        words = ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
+        yield shlex.join(words)
