@@ -110,19 +110,21 @@ def write_json(path: Path, content: Any) -> None:
 
 
 @contextmanager
-def one_run(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Iterator[Path]:
     """Yield a temporary folder whose files finally replace the files ``names`` of ``folder``.
 
     All old files are removed before the first new one is moved in, so files of two runs are never
     mixed, even if the process is killed. The last name is removed first and moved last: if it
-    exists, all of them do. The old files stay if there is no complete new one. Names may be those
-    of files in folders.
+    exists, all of them do. The old files stay if there is no complete new one, or if writing fails
+    and the new ones are not wanted ``partly``. Names may be those of files in folders.
     """
     folder.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
     try:
         yield beside
+        partly = True
     finally:
+        names = names if partly else ()
         whole = [name for name in names if (beside / name).is_file()]
         for name in reversed(names) if whole else ():
             (folder / name).unlink(missing_ok=True)

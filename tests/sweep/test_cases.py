@@ -112,6 +112,7 @@ def test_an_asterisk_gives_each_joint_a_number_as_list_or_table(scenario):
     [
         ("truth.payload.mas=[1.0]", "Did you mean 'mass'"),
         ("contrller.alpha=[1.0]", "Did you mean 'controller'"),
+        ("controller.adaptation=['naturel']", "Did you mean 'natural'"),
         ("engine.dt=[-1.0]", "engine.dt: must be positive"),
         ("controller.dt", "expected key=value"),
         ("controller.dt=[0.001", "controller.dt: cannot be read"),

@@ -8,6 +8,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli.command_line import main
+from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.experiment import (
     CONVERGED,
     SWING,
@@ -39,6 +40,9 @@ def test_a_pose_case_converges_and_reports_orientation_errors():
     np.testing.assert_allclose(start, case.true.position(case.true.q0), atol=1e-12)
     turned = pin.Quaternion(start[3:]).angularDistance(pin.Quaternion(later[3:]))
     assert turned == pytest.approx(SWING)
+    row = {"robot": "ur5", "task": "pose", "unadapted_angle": 0.1, "adapted_angle": 1e-3}
+    assert "adapted [deg]" in zoo_table([row]) and "0.057" in zoo_table([row])
+    assert "[deg]" not in zoo_table([{"robot": "ur5"}])
 
 
 @pytest.mark.usefixtures("sooner")
@@ -56,23 +60,21 @@ def test_a_chain_converges_under_the_default_law(tmp_path, capsys):
     assert "1 of 1 converged" in capsys.readouterr().out
 
 
-def test_the_command_writes_its_rows_in_the_order_of_the_robots(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_its_rows_in_the_order_of_the_robots(tmp_path, capsys):
     """Robots with most joints start first; these are refused at once."""
-    monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
     names = ["planar_2r", "scara"]
-    arguments = ["--robots", ",".join(names), "--processes", "0", "--out", str(tmp_path)]
-    assert main(["zoo", *arguments]) == 0
+    arguments = ["--robots", ",".join(names), "--processes", "0", "--task", "pose"]
+    assert main(["zoo", *arguments, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "zoo.json").read_text())
     assert [row["robot"] for row in rows] == names
     assert all(row["verdict"].startswith("refused: ") for row in rows)
     assert "0 of 2 converged" in capsys.readouterr().out
 
 
-def refuse(*arguments, **words):
-    raise pa.RobotError("no circle will do.")
-
-
 def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
+    def refuse(*arguments, **words):
+        raise pa.RobotError("no circle will do.")
+
     monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
     row = zoo_numbers("ur5", "adaptive-jacobian")
     assert row["verdict"] == "refused: no circle will do."

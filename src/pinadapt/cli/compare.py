@@ -51,8 +51,11 @@ def compare(options: Namespace) -> int:
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
     scenarios = list(under_laws(options.scenario, laws, options.set))
+    for law, scenario in zip(laws, scenarios, strict=True):
+        for finding in scenario.findings():
+            warnings.warn(f"{law}: {finding}", stacklevel=1)
     check_writable(folder)
-    with one_run(folder, _FILES) as beside:
+    with one_run(folder, _FILES, partly=False) as beside:
         pairs = [(scenario, None) for scenario in scenarios]
         rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))

@@ -66,8 +66,8 @@ def sweep(options: Namespace) -> int:
         return _alone(plan, options.case, folder)
     if path.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    again = path.is_dir() or options.resume or options.retry
-    claimed(folder, plan, resume=again, anew=options.force)
+    if not path.is_dir():
+        claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:

@@ -10,8 +10,9 @@ from pathlib import Path
 from .._output import Record, check_writable, records_table, write_json
 from ..description.catalogue import catalogue, catalogue_entry
 from ..simulation.simulate import watched
-from ..zoo.experiment import CONVERGED, run_zoo
-from .command_line import Exit, add_out, add_processes, names
+from ..tasks.task import DISPLAYS
+from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo
+from .command_line import Exit, add_arguments_of, add_out, add_processes, names
 
 TABLE = "zoo.json"
 
@@ -19,18 +20,25 @@ TABLE = "zoo.json"
 def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "--robots", type=names, metavar="A,B", help="names from `pinadapt robots` (default: all)"
+        "--robots",
+        type=names,
+        metavar="A,B",
+        help="names from `pinadapt robots` (default: all that fit)",
     )
+    add_arguments_of(parser, run_zoo, {"task": (POSITION, POSE)})
     add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 
 def zoo(options: Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = [catalogue_entry(name).name for name in options.robots or catalogue()]
+    task = options.task or POSITION
+    least = 6 if task == POSE else 0  # position and orientation
+    fit = [name for name, entry in catalogue().items() if entry.joints >= least]
+    names = [catalogue_entry(name).name for name in options.robots or fit]
     folder: Path = options.out
     check_writable(folder)
-    coming = run_zoo(names, options.processes)
+    coming = run_zoo(names, options.processes, task)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
@@ -49,6 +57,8 @@ def zoo_table(rows: Sequence[Record]) -> str:
         "radius [m]": ("radius", 1.0, 3),
         "unadapted [mm]": ("unadapted", 1e3, 3),
         "adapted [mm]": ("adapted", 1e3, 3),
+        "unadapted [deg]": ("unadapted_angle", DISPLAYS["rad"].scale, 3),
+        "adapted [deg]": ("adapted_angle", DISPLAYS["rad"].scale, 3),
         "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
         "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
     }

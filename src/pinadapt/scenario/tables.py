@@ -23,6 +23,7 @@ from ..controller.limits import Limits
 from ..description.description import is_robot_name
 from ..description.urdf import is_path
 from ..exceptions import ScenarioError, did_you_mean
+from ..laws import LAWS
 from ..laws.law import NAMES
 from ..records import Sensors
 from ..robot.loading import load
@@ -35,7 +36,7 @@ from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.stacked import Stacked
 from ..trajectories.trajectory import Hold, Trajectory, Waypoints
 from ..tuning.make_controller import make_controller
-from ..tuning.rates import RATES
+from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
 from ..tuning.unknowns import Unknown
 
 Tables = dict[str, Any]
@@ -55,6 +56,7 @@ MOTIONS: dict[str, type[Trajectory]] = {
 }
 _OF_MOTIONS = ("kind", "as_given", "from_rest")
 _DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
+_WORDS = {"law": LAWS, "adaptation": ADAPTATIONS, "kinematic_adaptation": KINEMATIC_ADAPTATIONS}
 _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engine.plant.path")
 
 
@@ -208,6 +210,9 @@ def parts(tables: Tables) -> Tables:
             found[name] = read(table, name, make, names)
     if "source" not in found["robot"]:
         raise _required("robot.source")
+    for key, allowed in _WORDS.items():
+        if key in found["controller"]:
+            word(found["controller"][key], allowed, f"controller.{key}")
     truth, events = found["truth"], found["events"]
     truth["camera"] = [
         dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))

@@ -377,13 +377,19 @@ class Plan:
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
-        """Return the sweep of a folder, of whatever version of the library.
+        """Return the sweep of a folder.
 
         Raises:
-            InputError: there is none, or it cannot be used.
+            InputError: there is none, or it was run by another version of the library.
         """
         tables = read_toml(folder / COPY)
-        del tables["version"]
+        version = tables.pop("version", None)
+        if version != __version__:
+            raise InputError(
+                f"was run by pinadapt {version}; this is {__version__}.",
+                where=str(folder),
+                hint="Take that version, or run the sweep again in another folder.",
+            )
         return cls.of(tables)
 
 

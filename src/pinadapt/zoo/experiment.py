@@ -200,7 +200,9 @@ def zoo_numbers(
     return {**row, "converged": row["verdict"] == CONVERGED}
 
 
-def run_zoo(names: Sequence[str], processes: int | None = None) -> Iterator[Row]:
+def run_zoo(
+    names: Sequence[str], processes: int | None = None, task: str = POSITION
+) -> Iterator[Row]:
     """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
@@ -208,12 +210,16 @@ def run_zoo(names: Sequence[str], processes: int | None = None) -> Iterator[Row]
     Args:
         names: names in the catalogue.
         processes: number of processes, 0 for none besides this one; None: one per core.
+        task: position, a circle (default), or pose, a circle with a swinging tool, for chains of
+            six and more joints.
 
     Raises:
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    plan = Plan(function=zoo_numbers, case=[{"robot": name} for name in longest_first])
+    plan = Plan(
+        function=zoo_numbers, case=[{"robot": name, "task": task} for name in longest_first]
+    )
     for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
