@@ -156,7 +156,9 @@ def check_writable(folder: Path) -> None:
 
 
 def cell(value: Any) -> str:
-    """Return a value as the cell of a table."""
+    """Return a value as the cell of a table: numbers with four digits, a dash for None."""
+    if value is None:
+        return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -213,23 +213,16 @@ def parts(tables: Tables) -> Tables:
     for key, allowed in _WORDS.items():
         if key in found["controller"]:
             word(found["controller"][key], allowed, f"controller.{key}")
-    truth, events = found["truth"], found["events"]
-    truth["camera"] = [
-        dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
-        for i, each in enumerate(_listed(truth, "camera", "truth"))
-    ]
-    changes = {"changes": KEYS["truth"][1], "announcements": ("payload", "tool_translation")}
-    for name, allowed in changes.items():
-        events[name] = [
-            read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
-            for i, each in enumerate(_listed(events, name, "events"))
+    changes = ("at", *KEYS["truth"][1])
+    for table, key, make, allowed in (
+        ("truth", "camera", pinhole_camera, arguments(pinhole_camera)),
+        ("events", "changes", Robot.changed, changes),
+        ("events", "announcements", Robot.changed, ("at", "payload", "tool_translation")),
+    ):
+        listed = instance(found[table].get(key, []), list, f"{table}.{key}", ScenarioError)
+        found[table][key] = [
+            read(each, f"{table}.{key}.{i}", make, allowed) for i, each in enumerate(listed)
         ]
-    return found
-
-
-def _listed(table: Record, key: str, path: str) -> list[Any]:
-    """Return a list of tables, an empty one where there is none."""
-    found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
 
 

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Report, Table, html_page, percent, write_json, write_text
+from .._output import Report, Table, cell, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
-from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
+from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = "map.png", "bands.png"
