@@ -32,7 +32,7 @@ def arguments(parser: ArgumentParser) -> None:
         help="URDF, xacro or MJCF file, a name from `pinadapt robots`, or a name from the package "
         "robot_descriptions",
     )
-    add_arguments_of(parser, Template.of, _CHOICES)
+    add_arguments_of(parser, Template, _CHOICES)
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")
 
@@ -43,7 +43,7 @@ def init(options: Namespace) -> int:
     Raises:
         InputError: the file exists and --force is not given, or the robot cannot be used.
     """
-    template = Template.of(
+    template = Template(
         options.source,
         xacro=dict(options.xacro),
         **given(options, (*_CHOICES, "mass")),
@@ -51,7 +51,7 @@ def init(options: Namespace) -> int:
     file = options.out or Path(f"{template.name}.toml")
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
-    robot, task = template.robot, template.task
+    robot, task = template.robot, template.task or template.robot.task.name
     found = limbs(robot)
     if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
         print(f"An arm or leg of {len(found)}. For the whole robot:")

@@ -143,15 +143,15 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
 def _value(hint: Any, value: Any, path: str) -> Any:
     """Return a value, or the objects that tables stand for, where the argument is of a class."""
     found = _classes(hint)
-    named = any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
-    if named and isinstance(value, Mapping):
-        tables = [isinstance(each, Mapping) for each in value.values()]
-        if tables and all(tables):
-            return {key: made(found[0], each, f"{path}.{key}") for key, each in value.items()}
-    if found and isinstance(value, Mapping):
-        return motion(value, path) if Trajectory in found else made(found[0], value, path)
-    if found and isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
-        make = motion if Trajectory in found else partial(made, found[0])
+    if not found:
+        return value
+    make = motion if Trajectory in found else partial(made, found[0])
+    if isinstance(value, Mapping):
+        by_name = any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
+        if by_name and value and all(isinstance(each, Mapping) for each in value.values()):
+            return {key: make(each, f"{path}.{key}") for key, each in value.items()}
+        return make(value, path)
+    if isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
         return tuple(make(each, f"{path}.{i}") for i, each in enumerate(value))
     return value
 

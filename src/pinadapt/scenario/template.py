@@ -6,7 +6,7 @@ import os
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import ceil, cos, sin
 from pathlib import Path
@@ -57,78 +57,72 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Template:
-    """A scenario to be written.
+    """A scenario to be written, with the choices of ``load`` for what is not given.
 
     Attributes:
         source: a path or a name of a robot.
-        robot: the robot as described, at its home pose.
-        path: a motion that it can follow: a circle, or for a joint task sines of its joints.
+        frame: task frame (default: the likeliest link at the robot's end); several, given again or
+            with commas between, are moved by one controller.
+        contacts: point feet, again or with commas between, on which a robot with a free base
+            stands; its trunk moves.
+        task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz, or a
+            plane if the chain is planar).
         xacro: arguments of a xacro file.
-        mass: total mass of the robot [kg], if links are described without inertia; else None.
-        tracker: whether x is measured in the axes of a tracker whose placement is unknown.
-        filmed: whether the task is the picture of an uncalibrated camera.
-        whole: whether all joints of the description are controlled.
+        mass: of the whole robot [kg], if links are described without inertia.
+        tracker: whether x is measured in the axes of an uncalibrated tracker.
     """
 
     source: str
-    robot: Robot
-    path: Circle | Sinusoid
-    xacro: XacroArguments
-    mass: float | None
+    frame: str | Sequence[str] = ()
+    contacts: Sequence[str] = ()
+    task: str | None = None
+    xacro: XacroArguments = field(default_factory=dict)
+    mass: float | None = None
     tracker: bool = False
-    filmed: bool = False
-    whole: bool = False
 
-    @classmethod
-    def of(
-        cls,
-        source: str,
-        *,
-        frame: str | Sequence[str] | None = None,
-        contacts: Sequence[str] = (),
-        task: str | None = None,
-        xacro: XacroArguments | None = None,
-        mass: float | None = None,
-        tracker: bool = False,
-    ) -> Template:
-        """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
-
-        Args:
-            source: a path or a name of a robot.
-            frame: task frame (default: the likeliest link at the robot's end); several, given
-                again or with commas between, are moved by one controller.
-            contacts: point feet, again or with commas between, on which a robot with a free base
-                stands; its trunk moves.
-            task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
-                or a plane if the chain is planar).
-            xacro: arguments of a xacro file.
-            mass: of the whole robot [kg], if links are described without inertia.
-            tracker: whether x is measured in the axes of an uncalibrated tracker.
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot as described, at its home pose.
 
         Raises:
-            RobotError: as ``load``, ``find_circle`` and ``find_swing``.
+            RobotError: as ``load``.
             InputError: a tracker for a joint task or a picture.
         """
-        filmed = task == IMAGE
-        if tracker and task in (JOINT, IMAGE):
+        if self.tracker and self.task in (JOINT, IMAGE):
             raise InputError("a tracker needs a task of the frame.", where="--tracker")
-        ends: str | Sequence[str] = frame or ()
         robot = load(
-            source,
-            xacro=xacro,
-            mass=mass,
-            frames=ends,
-            task=None if filmed else task,
-            base=FREE if contacts else FIXED,
-            contacts=contacts,
+            self.source,
+            xacro=self.xacro,
+            mass=self.mass,
+            frames=self.frame,
+            task=None if self.filmed else self.task,
+            base=FREE if self.contacts else FIXED,
+            contacts=self.contacts,
         )
-        if tracker or filmed:
+        if self.tracker or self.filmed:
             robot.check_single_frame()
-        if contacts:
+        if self.contacts:
             ConstraintForces(robot, None)  # refuses those that cannot hold it
-        path = find_circle(robot) if robot.task.lengths else find_swing(robot)
-        whole = not ends and isinstance(robot.task, JointTask)
-        return cls(source, robot, path, xacro or {}, mass, tracker, filmed, whole)
+        return robot
+
+    @cached_property
+    def path(self) -> Circle | Sinusoid:
+        """A motion that it can follow: a circle, or for a joint task sines of its joints.
+
+        Raises:
+            RobotError: as ``find_circle`` and ``find_swing``.
+        """
+        return find_circle(self.robot) if self.robot.task.lengths else find_swing(self.robot)
+
+    @property
+    def filmed(self) -> bool:
+        """Whether the task is the picture of an uncalibrated camera."""
+        return self.task == IMAGE
+
+    @property
+    def whole(self) -> bool:
+        """Whether all joints of the description are controlled."""
+        return not self.frame and isinstance(self.robot.task, JointTask)
 
     @property
     def name(self) -> str:
@@ -136,11 +130,6 @@ class Template:
         if not is_path(self.source):
             return self.source
         return Path(self.source.removesuffix(".xacro")).stem
-
-    @property
-    def task(self) -> str:
-        """Name of the task."""
-        return IMAGE if self.filmed else self.robot.task.name
 
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
@@ -216,8 +205,7 @@ class Template:
     def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source
         if is_path(source) and not Path(source).is_absolute():
-            parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
-            source = os.path.join(parent, Path(source).name)
+            source = os.path.relpath(source, folder.resolve())
         given = {
             "source": source,
             "xacro": dict(self.xacro) or None,
@@ -226,7 +214,7 @@ class Template:
             "frames": list(robot.frames) if len(robot.frames) > 1 else None,
             "base": FREE if robot.contacts else None,
             "contacts": [contact.frame for contact in robot.contacts] or None,
-            "task": self.task,
+            "task": IMAGE if self.filmed else robot.task.name,
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": robot.welded or None,
             "locked": [],
