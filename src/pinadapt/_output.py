@@ -67,9 +67,9 @@ def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
     except FileNotFoundError as reason:
         raise error("no such file.", where=str(reason.filename or path)) from reason
     except Exception as reason:
-        words = " ".join(str(reason).split()).rstrip(".")
+        words = " ".join(f"{type(reason).__name__}: {reason}".split())
         raise error(
-            f"cannot be read: {type(reason).__name__}{': ' * bool(words)}{words[:200]}.",
+            f"cannot be read: {words[:200]}.",
             where=str(path),
             hint="It is damaged, too large, or of another kind than its name says.",
         ) from reason

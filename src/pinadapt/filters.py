@@ -486,13 +486,13 @@ class FilteredRegressor:
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
-        Z, y, u, held, shares, underway, free = now.state
+        Z, y, u, held, shares, _, free = now.state  # nothing is underway without steps
         return TorqueFilterState(
             self.low_pass.rate(Z, u),
             self.low_pass.rate(y, now.state.projected(tau)),
-            np.zeros(u.shape),
-            np.zeros(held.shape),
-            np.zeros(shares.shape),
-            underway.still() if underway else (),
-            (np.zeros(free[0].shape), np.zeros(free[1].shape)) if free else (),
+            0.0 * u,
+            0.0 * held,
+            0.0 * shares,
+            (),
+            (0.0 * free[0], 0.0 * free[1]) if free else (),
         )

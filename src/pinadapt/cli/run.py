@@ -117,48 +117,40 @@ def view(options: Namespace) -> int:
     Raises:
         InputError: the folder contains no animation, or the scenario cannot be used.
     """
-    if options.scenario is None:
-        if options.attach is None or options.set:
-            raise InputError("is missing: a folder or a scenario.", where="DIR|SCENARIO.toml")
+    place, port = options.scenario, options.attach
+    if place is not None and place.is_dir():
+        from ..view.live import open_in_browser
+
+        page = place / "animation.html"
+        if not page.is_file():
+            raise InputError(
+                "holds no animation.html.",
+                where=str(place),
+                hint="`pinadapt run` writes one unless --no-html is given.",
+            )
+        print(page.resolve().as_uri())
+        open_in_browser(page.resolve().as_uri())
+        return Exit.DONE
+    if place is not None:
+        scenario = Scenario.read(place, options.set)
+    elif port is None or options.set:
+        raise InputError("is missing: a folder or a scenario.", where="DIR|SCENARIO.toml")
+    else:
         from .drive import FRANKA
 
-        return _attached(Scenario.build(FRANKA, Path()), options.attach)
-    if options.scenario.is_dir():
-        return _show(options.scenario)
-    scenario = Scenario.read(options.scenario, options.set)
-    if options.attach is not None:
-        return _attached(scenario, options.attach)
-    rollout = run_scenario(scenario, live=True)
-    print(rollout)
-    return status_of(rollout)
-
-
-def _attached(scenario: Scenario, port: int) -> int:
-    """Show a running loop until it ends; the loop does not notice."""
-    from ..realtime.recorder import watched as samples_of
+        scenario = Scenario.build(FRANKA, Path())
+    if port is None:
+        rollout = run_scenario(scenario, live=True)
+        print(rollout)
+        return status_of(rollout)
+    from ..realtime.recorder import watched
     from ..view.live import LiveView
 
     robot, controller = scenario.true, scenario.controller
-    samples = samples_of(port, controller, robot)
+    samples = watched(port, controller, robot)
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        for _ in live.watch(samples):
+        for _ in live.watch(samples):  # until the loop ends, which does not notice
             pass
-    return Exit.DONE
-
-
-def _show(folder: Path) -> int:
-    from ..view.live import open_in_browser
-
-    page = folder / "animation.html"
-    if not page.is_file():
-        raise InputError(
-            "holds no animation.html.",
-            where=str(folder),
-            hint="`pinadapt run` writes one unless --no-html is given.",
-        )
-    address = page.resolve().as_uri()
-    print(address)
-    open_in_browser(address)
     return Exit.DONE
 
 

@@ -62,15 +62,15 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 
 @cache
 def arguments(make: Make) -> tuple[str, ...]:
-    """Return the names of the arguments that a class or function has, in order."""
+    """Return the names of the arguments that a class, function or method has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    parameters = signature(make).parameters.values()
-    return tuple(each.name for each in parameters if each.kind not in several)
+    named = [each.name for each in signature(make).parameters.values() if each.kind not in several]
+    return tuple(name for name in named if name != "self")
 
 
 def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
     """Return what each table is made of: a class or function, and those of its arguments."""
-    changes = tuple(name for name in arguments(Robot.changed) if name != "self")
+    changes = arguments(Robot.changed)
     own = ("robot", "unknown", "sensors", "limits")
     controller = tuple(name for name in arguments(make_controller) if name not in own)
     whole = {"unknown": Unknown, "sensors": Sensors, "limits": Limits, "engine": Engine}
