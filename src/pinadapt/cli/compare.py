@@ -76,7 +76,8 @@ def _run_all(
             if rollouts[-1].interrupted is not None:
                 break
     finally:
-        print(comparison_table(rollouts))
+        if rollouts:
+            print(comparison_table(rollouts))
     return rollouts
 
 

@@ -90,9 +90,7 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
 
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
-    """Return a table with a row for each rollout; columns that no rollout has are left out."""
-    if not rollouts:
-        return "nothing has run"
+    """Return a table with a row for each rollout, one at least, without columns that none has."""
     shown = rollouts[0].task.groups[0].shown
     unit, degrees = shown.unit, DISPLAYS["rad"].scale
     numbers = {

@@ -215,7 +215,7 @@ def make_controller(
         nominal=nominal,
     )
     if not isinstance(adaptation, Adaptation) and rates["gamma_d"] is rates["gamma_joint"] is None:
-        share = stable_share_of_adaptation(controller, dt)
+        share = stable_share_of_adaptation(controller, motion, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     if applied.torque is not None and compensation is None:
         held = overloaded(robot, applied.torque, "the model")
