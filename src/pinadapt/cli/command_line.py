@@ -161,15 +161,15 @@ def stopped_by_signals() -> Iterator[None]:
 
     Signals that already have a handler, for example by ``nohup``, are left unchanged.
     """
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        free = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
-        before = {number: signal.signal(number, signal.default_int_handler) for number in free}
+    main = threading.current_thread() is threading.main_thread()
+    free = [each for each in _ENDING if main and signal.getsignal(each) is signal.SIG_DFL]
+    for number in free:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in free:
+            signal.signal(number, signal.SIG_DFL)
 
 
 # Arguments that several commands share, and the types of arguments

@@ -20,8 +20,8 @@ from .._output import Report, Table, cell, html_page, percent, write_json, write
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
-from .cases import Plan, condition
-from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, flat_row
+from .cases import SUCCESS, Plan, condition
+from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = "map.png", "bands.png"
@@ -58,6 +58,15 @@ def rate(which: np.ndarray) -> Rate:
     count, total = int(np.sum(which)), len(which)
     found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, float(found.low), float(found.high))
+
+
+def succeeded(table: CaseTable, text: str = "") -> np.ndarray:
+    """Return which cases (N) fulfil a condition, see ``Plan``; without one they follow, or end."""
+    column, sign, bound = condition(text)
+    if not text and column not in table.names:
+        return ~table.lost
+    values = np.array(table[column], dtype=float)  # None becomes NaN
+    return (values < bound if sign == "<" else values > bound) & ~table.lost
 
 
 class Percentile(NamedTuple):
@@ -155,19 +164,15 @@ class SweepReport:
         return np.where(np.isnan(column) | self.table.lost, np.inf, column)
 
     @cached_property
-    def success(self) -> Rate | None:
-        """The share of cases that succeeded; None where no column says so."""
-        name, sign, bound = condition(self.plan.success)
-        if not self.plan.success and name not in self.table.names:
-            return None
-        column = np.array(self.table[name], dtype=float)  # None becomes NaN
-        return rate((column < bound if sign == "<" else column > bound) & ~self.table.lost)
+    def success(self) -> Rate:
+        """The share of cases that succeeded."""
+        return rate(succeeded(self.table, self.plan.success))
 
     def verdict(self) -> str:
         """Return the outcome in one line."""
         parts = [f"{len(self.table)} of {len(self.plan.cases)} cases"]
-        if self.success is not None:
-            parts.append(f"success ({self.plan.success or condition('')[0]}) {self.success}")
+        usual = SUCCESS if SUCCESS in self.table.names else DONE
+        parts.append(f"success ({self.plan.success or usual}) {self.success}")
         kinds = Counter(self.table["status"][self.table.lost].tolist())
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         parts.append(f"{kinds.total()} lost: {words}" if kinds else "none lost")
@@ -231,7 +236,7 @@ class SweepReport:
             "cases": len(self.table),
             "planned": len(self.plan.cases),
             "lost": int(self.table.lost.sum()),
-            "success": None if self.success is None else self.success._asdict(),
+            "success": self.success._asdict(),
             "percentiles": {
                 name: [each._asdict() for each in found] for name, found in self.percentiles.items()
             },

@@ -15,7 +15,7 @@ from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
-from .sweep_report import Rate, percentile, rate
+from .sweep_report import Rate, percentile, rate, succeeded
 from .table import CaseTable, Row
 
 
@@ -113,8 +113,7 @@ def tune(
         value = percentile(errors, share).value
         if not math.isfinite(value):
             value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
-        follows = table["follows"] == 1 if "follows" in table.names else ~table.lost
-        return Judged(dict(chosen), value, errors, rate(follows & ~table.lost))
+        return Judged(dict(chosen), value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
