@@ -37,7 +37,12 @@ from .run import RUN_FILES
 
 def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
-    _add_log_and_robot(parser)
+    group = _add_shared(parser, "identified")
+    group.add_argument(
+        "--write-intake",
+        action="store_true",
+        help="read and check the log, write that file, and stop",
+    )
     add_arguments_of(parser, load, {"task": str})
     for option, what in (
         (
@@ -69,28 +74,21 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
     )
-    _add_import_options(parser).add_argument(
-        "--write-intake",
-        action="store_true",
-        help="read and check the log, write that file, and stop",
-    )
-    add_description(parser)
-    add_out(parser, "out/ and the log's name and -identified")
 
 
 def calibrate_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``calibrate``."""
-    _add_log_and_robot(parser)
+    _add_shared(parser, "calibrated")
     placements = {"type": names, "metavar": "A,B"}
     add_arguments_of(parser, calibration.calibrate, {"unknown": placements, "tracker": bool})
-    _add_import_options(parser)
-    add_description(parser)
-    add_out(parser, "out/ and the log's name and -calibrated")
     parser.set_defaults(task=None, test=[], empty=None)
 
 
-def _add_log_and_robot(parser: ArgumentParser) -> None:
-    """Add the logs, the robot, its frame and its locked joints."""
+def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
+    """Add logs, robot, folder of what is done, and a group of options; return the group.
+
+    The options say how a log is to be read, see ``ImportOptions``.
+    """
     parser.add_argument(
         "log",
         type=Path,
@@ -111,10 +109,8 @@ def _add_log_and_robot(parser: ArgumentParser) -> None:
         metavar="A,B",
         help="joints that did not move (default: those off the chain)",
     )
-
-
-def _add_import_options(parser: ArgumentParser) -> argparse._ArgumentGroup:
-    """Add a group of options that say how a log is to be read, see ``ImportOptions``; return it."""
+    add_description(parser)
+    add_out(parser, f"out/ and the log's name and -{done}")
     group = parser.add_argument_group(
         "how the log is read",
         f"these options override the file beside the log: run{SUFFIX} of run.csv",
