@@ -193,15 +193,22 @@ def add_settings(parser: ArgumentParser) -> None:
     )
 
 
-def add_out(parser: ArgumentParser, default: Path | str) -> None:
-    """Add ``--out``, a folder; a default that is not a path describes it in words."""
+def add_out(parser: ArgumentParser, default: str) -> None:
+    """Add ``--out``, a folder, whose default is described in words."""
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=default if isinstance(default, Path) else None,
-        metavar="DIR",
-        help=f"folder to write to (default: {default})",
+        "--out", type=Path, metavar="DIR", help=f"folder to write to (default: {default})"
     )
+
+
+def out_folder(options: Namespace, name: str) -> Path:
+    """Return the folder of ``--out``, by default one of this name in ``out``.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    folder: Path = options.out or Path("out") / name
+    check_writable(folder)
+    return folder
 
 
 def add_out_file(parser: ArgumentParser, default: str) -> None:
@@ -250,19 +257,21 @@ def given(options: Namespace, names: Iterable[str]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def check_new(file: Path, *, force: bool) -> None:
-    """Refuse a file that exists, unless it may be overwritten, or that cannot be written.
+def new_file(options: Namespace, name: str) -> Path:
+    """Return the scenario file of ``--out``, by default one of this name in the working directory.
 
     Raises:
-        InputError: it is refused.
+        InputError: it exists and may not be overwritten, or cannot be written.
     """
-    if file.exists() and not force:
+    file: Path = options.out or Path(f"{name}.toml")
+    if file.exists() and not options.force:
         raise InputError(
             "exists already.",
             where=str(file),
             hint="Overwrite it by --force, or choose another file by --out.",
         )
     check_writable(file.parent)
+    return file
 
 
 def names(text: str) -> list[str]:

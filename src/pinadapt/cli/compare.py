@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .._output import check_writable, one_run, write_json
+from .._output import one_run, write_json
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
@@ -21,7 +21,7 @@ from ..scenario.comparison import (
     under_laws,
 )
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, names, status_of
+from .command_line import Exit, add_out, add_scenario, names, out_folder, status_of
 from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -47,14 +47,13 @@ def compare(options: Namespace) -> int:
     an earlier comparison stay until those of this one are complete. A law that diverges is a row
     of the table, not a failure of the command.
     """
-    folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
+    folder = out_folder(options, f"{options.scenario.stem}-compare")
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
     scenarios = list(under_laws(options.scenario, laws, options.set))
     for law, scenario in zip(laws, scenarios, strict=True):
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
-    check_writable(folder)
     with one_run(folder, _FILES, partly=False) as beside:
         pairs = [(scenario, None) for scenario in scenarios]
         rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
@@ -92,21 +91,17 @@ SHOWCASE = {
 
 def demo_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``demo``."""
-    add_out(parser, Path("out/demo"))
+    add_out(parser, "out/demo")
 
 
 def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
-    folders = [options.out / name for name in SHOWCASE]
-    check_writable(options.out)
+    out = out_folder(options, "demo")
     pairs = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
         for path in (robots_folder() / file for file in SHOWCASE.values()):
             pairs.append((Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])))
-    rollouts = _run_all(pairs, folders, html=True)
-    print(
-        f"\nplots and animations: {options.out}/*/"
-        "error.png, parameters.png, torque.png, animation.html"
-    )
+    rollouts = _run_all(pairs, [out / name for name in SHOWCASE], html=True)
+    print(f"\nplots and animations: {out}/*/error.png, parameters.png, torque.png, animation.html")
     return status_of(*rollouts)

@@ -13,14 +13,14 @@ from ..description.urdf import is_path
 from ..excitation.exciting_motion import excite as find
 from ..robot.loading import load
 from ..scenario.scenario import Scenario
-from ..scenario.template import significant
+from ..scenario.template import Template, significant
 from ..tuning.unknowns import Unknown
 from .command_line import (
     add_arguments_of,
     add_out_file,
-    check_new,
     given,
     names,
+    new_file,
     one_word,
 )
 
@@ -59,9 +59,7 @@ def excite(options: Namespace) -> int:
         InputError: the file exists and --force is not given, or no motion was found.
     """
     source: str = options.source
-    name = Path(source.removesuffix(".xacro")).stem if is_path(source) else source
-    out = options.out or Path(f"{name}_excited.toml")
-    check_new(out, force=options.force)
+    out = new_file(options, f"{Template(source).name}_excited")
     robot = load(source, frame=options.frame)
     bodies, joint = one_word(options.unknown) or "all", one_word(options.joint) or "all"
     unknown = Unknown(tool=False, bodies=bodies).with_names(joint=joint)

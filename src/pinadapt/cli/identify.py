@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._output import check_writable, one_run, write_text
+from .._output import one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
 from ..identification.identification import identify as identify_log
@@ -31,6 +31,7 @@ from .command_line import (
     given,
     names,
     one_word,
+    out_folder,
 )
 from .run import RUN_FILES
 
@@ -220,8 +221,7 @@ def identify(options: Namespace) -> int:
     intake = _import_options(options)
     if options.write_intake:
         return max(_write_import_options(options, log, intake) for log in options.log)
-    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-identified"
-    _check_place(folder, FILES)
+    folder = _place(options, "identified", FILES)
     robot = _robot(options)
     compared = {
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
@@ -267,8 +267,7 @@ def calibrate(options: Namespace) -> int:
 
     Nothing is written before the calibration is complete.
     """
-    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-calibrated"
-    _check_place(folder, calibration.FILES)
+    folder = _place(options, "calibrated", calibration.FILES)
     robot = _robot(options)
     found = calibration.calibrate(
         options.log,
@@ -302,19 +301,20 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
     return Exit.DONE if check.fits else Exit.REFUSED
 
 
-def _check_place(folder: Path, files: Sequence[str]) -> None:
-    """Refuse a folder that is not writable or that contains a run, perhaps the log itself.
+def _place(options: Namespace, done: str, files: Sequence[str]) -> Path:
+    """Return the folder of the outputs.
 
     Raises:
-        InputError: the folder is refused.
+        InputError: it is not writable or contains a run, perhaps the log itself.
     """
-    check_writable(folder)
+    folder = out_folder(options, f"{options.log[0].stem or 'log'}-{done}")
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",
             where=str(folder),
             hint="--out takes another place.",
         )
+    return folder
 
 
 def _robot(options: Namespace) -> Robot:

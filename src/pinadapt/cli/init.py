@@ -7,13 +7,12 @@ import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
-from pathlib import Path
 
 from .._output import write_text
 from ..robot.loading import limbs
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
+from .command_line import add_arguments_of, add_description, add_out_file, given, names, new_file
 
 _CHOICES = {
     "frame": {"type": names, "action": "extend"},
@@ -48,8 +47,7 @@ def init(options: Namespace) -> int:
         xacro=dict(options.xacro),
         **given(options, (*_CHOICES, "mass")),
     )
-    file = options.out or Path(f"{template.name}.toml")
-    check_new(file, force=options.force)
+    file = new_file(options, template.name)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task or template.robot.task.name
     found = limbs(robot)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 
-from .._output import Record, check_writable, records_table, write_json
+from .._output import Record, records_table, write_json
 from ..description.catalogue import catalogue, catalogue_entry
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
 from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo
-from .command_line import Exit, add_arguments_of, add_out, add_processes, names
+from .command_line import Exit, add_arguments_of, add_out, add_processes, names, out_folder
 
 TABLE = "zoo.json"
 
@@ -27,7 +26,7 @@ def arguments(parser: ArgumentParser) -> None:
     )
     add_arguments_of(parser, run_zoo, {"task": (POSITION, POSE)})
     add_processes(parser)
-    add_out(parser, Path("out/zoo"))
+    add_out(parser, "out/zoo")
 
 
 def zoo(options: Namespace) -> int:
@@ -36,8 +35,7 @@ def zoo(options: Namespace) -> int:
     least = 6 if task == POSE else 0  # position and orientation
     fit = [name for name, entry in catalogue().items() if entry.joints >= least]
     names = [catalogue_entry(name).name for name in options.robots or fit]
-    folder: Path = options.out
-    check_writable(folder)
+    folder = out_folder(options, "zoo")
     coming = run_zoo(names, options.processes, task)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):
