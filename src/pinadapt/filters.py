@@ -453,8 +453,7 @@ class FilteredRegressor:
             InputError: the state of another filter.
         """
         fast, u, free = self._inputs(q, v, stands)
-        shape = u.shape
-        if state.__class__ is not TorqueFilterState or not state.Z.shape == state.u.shape == shape:
+        if state.__class__ is not TorqueFilterState or state.Z.shape != u.shape:
             raise InputError(
                 "the filters are those of other dynamics.",
                 where="state",

@@ -6,7 +6,6 @@ import json
 import runpy
 import time
 from argparse import ArgumentParser, Namespace
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -164,7 +163,7 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
     Raises:
         InputError: the scenario is missing, or has a load already, or its robot no flange.
     """
-    tables, folder = deepcopy(FRANKA), Path()
+    tables, folder = FRANKA, Path()
     if options.file is not None:
         tables, folder = read_tables(options.file, options.set), options.file.parent
     elif options.kind != "franka":
@@ -185,8 +184,8 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
     seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
     com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
     known = {"mass": seen.mass, "com": com, "inertia": inertia}
-    with_values(tables, {"controller.payload": known, "controller.compensated": {"payload": known}})
-    return tables, folder, load
+    own = {"controller.payload": known, "controller.compensated": {"payload": known}}
+    return with_values(tables, own), folder, load
 
 
 def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Arm:

@@ -252,21 +252,22 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     return with_values(read_toml(path), dict(setting(text) for text in settings))
 
 
-def with_values(tables: Tables, values: Record) -> Tables:
-    """Return tables after writing values by dotted keys into them.
+def with_values(tables: Record, values: Record) -> Tables:
+    """Return a copy of tables with other values by dotted keys.
 
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
+    found = deepcopy(dict(tables))
     for key, value in values.items():
-        table: Any = tables
+        table: Any = found
         *way, last = names = key.split(".")
         for part in way:
             table = table.setdefault(part, {}) if isinstance(table, dict) else None
         if not all(names) or not isinstance(table, dict):
             raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
         table[last] = value
-    return tables
+    return found
 
 
 def setting(text: str, where: str = "--set") -> tuple[str, Any]:

@@ -21,7 +21,6 @@ import ast
 import math
 import re
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
@@ -298,7 +297,7 @@ class Plan:
         tables = dict(tables)
         fixed, listed = tables.pop("set", {}), tables.get("case", [])
         if "scenario" in tables:
-            tables["scenario"] = with_values(deepcopy(dict(tables["scenario"])), fixed)
+            tables["scenario"] = with_values(tables["scenario"], fixed)
             listed = [flat(case) for case in listed]
         elif fixed:
             listed = [fixed | case for case in listed or [{}]]
@@ -309,8 +308,7 @@ class Plan:
 
     def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
-        tables = deepcopy(dict(self.scenario or {}))
-        return at_folder(with_values(tables, values), Path(self.folder))
+        return at_folder(with_values(self.scenario or {}, values), Path(self.folder))
 
     def check(self, values: Record) -> None:
         """Check that the scenario, if it is one, has such keys and values.

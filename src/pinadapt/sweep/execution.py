@@ -23,7 +23,6 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from copy import deepcopy
 from functools import partial
 from importlib import import_module
 from inspect import signature
@@ -74,7 +73,7 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
         InputError: the values cannot be used.
     """
     values = {"simulation.seed": case.seed, **case.values}
-    return Scenario.build(with_values(deepcopy(dict(tables)), values), Path(folder))
+    return Scenario.build(with_values(tables, values), Path(folder))
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:

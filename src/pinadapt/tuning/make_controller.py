@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isinf
 from typing import Any
 
@@ -297,18 +298,13 @@ def _tuned(
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
         return law, motion.bandwidth * law.bandwidth_share
-    chosen = LAWS[law]
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
         gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
-    tuned = chosen.tuned(motion, dt, **gains)
-    share = 1.0
+    make: Any = LAWS[law].tuned
+    made, share = partial(make, motion, dt, **gains), 1.0
     if all(gains.get(name) is None for name in ("Kv", "Kp", "alpha")):
         share = stable_share_of_feedback(
-            lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion),
-            dt,
-            motion,
-            actuators,
-            K_f,
+            lambda share: made(share).feedback(motion), dt, motion, actuators, K_f
         )
-        tuned = tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
+    tuned = made(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share

@@ -37,18 +37,8 @@ from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
-WORDS = (
-    TOOL,
-    BASE,
-    TRACKER,
-    GEOMETRY,
-    LENGTHS,
-    "bodies",
-    PAYLOAD,
-    "friction",
-    "armature",
-    *EFFECTS,
-)
+_FLAGS = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
+WORDS = (*_FLAGS, "bodies", PAYLOAD, *EFFECTS)
 _FRICTION = ("viscous", "coulomb")
 
 Words = str | Sequence[str | Translation]
@@ -157,8 +147,7 @@ class Unknown:
             return given
         words = [word(name, WORDS, "unknown") for name in name_list(given, "unknown")]
         bodies = "all" if "bodies" in words else PAYLOAD if PAYLOAD in words else "none"
-        flags = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
-        chosen: dict[str, Any] = {name: name in words for name in flags}
+        chosen: dict[str, Any] = {name: name in words for name in _FLAGS}
         return cls(bodies=bodies, effects=[name for name in words if name in EFFECTS], **chosen)
 
     def with_names(
