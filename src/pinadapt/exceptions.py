@@ -125,6 +125,10 @@ class Interrupted(KeyboardInterrupt):
         self.rollout = rollout
         super().__init__(f"interrupted at {rollout.interrupted:.3f} s")
 
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Any]]:
+        """Be made again from the rollout in another process."""
+        return type(self), (self.rollout,)
+
 
 class ArmError(PinadaptError):
     """An arm that cannot be driven now: silent, stopped, in error, or refusing the control."""

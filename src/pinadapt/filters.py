@@ -405,14 +405,16 @@ class FilteredRegressor:
         self.low_pass = LowPass(bandwidth, "prediction filter")
         self.motors, self.constraints = motors, constraints
 
-    def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
-        """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        return self._begun(v.size, *self._inputs(q, v, None))
+    def init(
+        self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None
+    ) -> TorqueFilterState:
+        """Return the state at the first q (nq), v (n), at which W and y are zero.
 
-    @staticmethod
-    def _begun(n: int, fast: np.ndarray, u: np.ndarray, free: Any) -> TorqueFilterState:
-        """Return the state of filters that begin with these inputs."""
-        return TorqueFilterState(fast, np.zeros(n), u, np.zeros(n), np.zeros(2), (), free)
+        ``stands`` (c) says which contacts stand; None: all.
+        """
+        fast, u, free = self._inputs(q, v, stands)
+        y, tau = np.zeros((2, v.size))
+        return TorqueFilterState(fast, y, u, tau, np.zeros(2), (), free)
 
     def _inputs(
         self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None
@@ -460,7 +462,7 @@ class FilteredRegressor:
                 hint="Of a recorded run only the last state has them.",
             )
         if free and state.free and not np.array_equal(free[1], state.free[1]):
-            state = self._begun(v.size, fast, u, free)._replace(underway=state.underway)
+            state = self.init(q, v, stands)._replace(underway=state.underway)
         Z_before, y, before, held, (share_u, share_tau), underway, _ = state
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
         W, bandwidth = fast - Z, self.low_pass.bandwidth

@@ -16,7 +16,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.sweep import execution, read
-from pinadapt.sweep.table import JOURNAL, LAST, TABLE, append, join
+from pinadapt.sweep.table import JOURNAL, TABLE, append, join
 from tests.support.paths import ROOT
 from tests.support.swept import doubled, slow, troubled
 
@@ -49,24 +49,15 @@ def scenario(tmp_path):
     return tmp_path / "scenario.toml"
 
 
-def same(*tables):
-    """Return whether two tables are equal to the bit, but for the time that cases took."""
-    one, other = (
-        repr([{name: row[name] for name in row if name not in LAST} for row in table.rows()])
-        for table in tables
-    )
-    return one == other
-
-
 def test_the_same_bits_in_this_process_in_another_and_in_any_order(scenario):
     options = {"samples": 2, "method": "sobol", "seed": 3}
     serial = pa.sweep(scenario, VARIED, executor=0, **options)
     assert (serial["status"] == "done").all() and len(set(serial["max_error_last"])) == 4
-    assert same(pa.sweep(scenario, VARIED, executor=1, **options), serial)
+    assert pa.sweep(scenario, VARIED, executor=1, **options).same_as(serial)
 
     with ThreadPoolExecutor(1) as thread:
         backwards = Backwards(thread)
-        assert same(pa.sweep(scenario, VARIED, executor=backwards, **options), serial)
+        assert pa.sweep(scenario, VARIED, executor=backwards, **options).same_as(serial)
 
 
 class Backwards(Executor):
@@ -113,7 +104,7 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
     for row in [*rest, rest[0]]:  # as if cases 2 and 4 had been lost with a process
         append(folder, row)
     (folder / JOURNAL).open("ab").write(b'{"case": 2, "seed"')  # not written whole
-    assert same(pa.sweep(slow, given, executor=0, folder=folder), whole)
+    assert pa.sweep(slow, given, executor=0, folder=folder).same_as(whole)
     runs = {path.name: path.read_text() for path in marks.iterdir()}
     assert runs == {"0": "x", "1": "x", "2": "xx", "3": "x", "4": "xx", "5": "x"}
 
@@ -122,7 +113,7 @@ def test_crashed_cases_run_again_on_request(tmp_path):
     given = {"a": [0, 1, 4]}
     whole = pa.sweep(troubled, given, executor=0, folder=tmp_path)
     assert join(tmp_path, without=("failed",))["case"].tolist() == [0, 2]
-    assert same(pa.sweep(troubled, given, executor=0, folder=tmp_path), whole)
+    assert pa.sweep(troubled, given, executor=0, folder=tmp_path).same_as(whole)
     file = (tmp_path / "sweep.toml").read_text()
     (tmp_path / "sweep.toml").write_text(f"{file}".replace("troubled", "fewer_troubles"))
     arguments = ["sweep", str(tmp_path), "--retry", "--processes", "0"]
@@ -150,7 +141,7 @@ def test_a_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
 def test_tables_are_read_as_they_were_written(tmp_path):
     found = pa.sweep(troubled, {"a": [0, 1, 4]}, executor=0)
     found.save(tmp_path / "table.csv")
-    assert same(read(tmp_path), found)
+    assert read(tmp_path).same_as(found)
 
 
 # --- the command ---
