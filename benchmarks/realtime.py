@@ -68,10 +68,11 @@ def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[RunResult, Count
     busy = get_context("spawn").Process(target=spin, args=(cores[0],), daemon=True)
     if load:
         busy.start()
+    priority = None if ordinary else 70
     scheduling = Scheduling(None, None, False) if ordinary else Scheduling(core=cores[-1])
     make = partial(pa.plants.PinocchioPlant, true.undrawn())
     motion = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
-    plant = partial(ProcessArm, make, core=cores[0], priority=None if ordinary else 70)
+    plant = partial(ProcessArm, make, scheduling=Scheduling(priority, cores[0], lock=False))
     with tempfile.TemporaryDirectory() as folder:
         with plant() as arm, scheduling.applied():
             beside = only_read(arm, seconds / 10.0)

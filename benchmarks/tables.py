@@ -202,15 +202,16 @@ def kept(
 ) -> list[dict[str, Any]]:
     """Return the rows of cases that do not run, with their numbers and seeds in this sweep."""
     wanted = {} if again is None else dict(setting(text, "--again") for text in again)
+    keys = list(dict.fromkeys(key for case in plan.cases for key in case.values))
     for key in wanted:
-        if key not in plan.keys:
-            guess = did_you_mean(key, plan.keys)
+        if key not in keys:
+            guess = did_you_mean(key, keys)
             raise InputError(f"'{key}' is not varied.{guess}", where="--again")
-    by_values = {_values(row, plan.keys): row for row in rows}
+    by_values = {_values(row, keys): row for row in rows}
     found = []
     for case in plan.cases:
         flat = flat_row(case.values)
-        row = by_values.get(_values(flat, plan.keys))
+        row = by_values.get(_values(flat, keys))
         stale = again is not None and all(str(flat[key]) == str(wanted[key]) for key in wanted)
         if row is not None and not stale:
             found.append({**row, **dict(zip(FIRST, (case.number, case.seed), strict=True))})

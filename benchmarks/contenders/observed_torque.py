@@ -79,7 +79,8 @@ class ObservedTorque(pa.laws.ResolvedAcceleration):
         if not self.seen:
             error = s.dx + self.nominal.position(s.q) - s.x
         shifted = s.replaced(dx=error + s.filtered.shift)
-        a = self._commanded_acceleration(shifted, np.zeros(s.a_k.size))
+        still = np.zeros(s.a_k.size)
+        a = self._commanded_acceleration(shifted, s.xd_hat, self.alpha, still)
         return self.nominal.limited(self.nominal.torque(s.q, s.v, a) - self.disturbance(s))
 
     def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:

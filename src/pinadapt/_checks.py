@@ -94,11 +94,10 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     """
     if isinstance(value, str):
         return [value]
-    if isinstance(value, Mapping | bytes) or not isinstance(value, Iterable):
-        raise error(f"expected a name or a list of names, got {shown(value)}.", where=name)
-    found = list(value)
+    lists = isinstance(value, Iterable) and not isinstance(value, Mapping | bytes)
+    found = list(value) if lists else [value]
     if not all(isinstance(each, str) for each in found):
-        raise error(f"expected a name or a list of names, got {shown(found)}.", where=name)
+        raise error(f"expected a name or a list of names, got {shown(value)}.", where=name)
     return found
 
 

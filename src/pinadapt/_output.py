@@ -9,9 +9,8 @@ import re
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from html import escape
 from inspect import getdoc
 from pathlib import Path
@@ -27,7 +26,6 @@ else:
 Record: TypeAlias = Mapping[str, Any]  # values by name
 
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
-_ABANDONED = 3600.0  # [s] of age; half or twice: what killed processes left stays as long
 
 
 def collect_seldom() -> None:
@@ -69,9 +67,9 @@ def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
     except FileNotFoundError as reason:
         raise error("no such file.", where=str(reason.filename or path)) from reason
     except Exception as reason:
-        words = " ".join(str(reason).split()).rstrip(".")
+        words = " ".join(f"{type(reason).__name__}: {reason}".split())
         raise error(
-            f"cannot be read: {type(reason).__name__}{': ' * bool(words)}{words[:200]}.",
+            f"cannot be read: {words[:200]}.",
             where=str(path),
             hint="It is damaged, too large, or of another kind than its name says.",
         ) from reason
@@ -134,14 +132,13 @@ def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Itera
             (folder / name).parent.mkdir(exist_ok=True)
             (beside / name).replace(folder / name)
         shutil.rmtree(beside, ignore_errors=True)
-        _tidy(folder)
 
 
-def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
+def check_writable(folder: Path) -> None:
     """Check that files can be written into a folder, which need not exist.
 
     Raises:
-        InputError: they cannot be written, or one of ``names`` is a folder.
+        InputError: they cannot be written.
     """
     missing = not folder.is_dir()
     try:
@@ -156,23 +153,12 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
             where=str(folder),
             hint="Choose another folder by --out.",
         ) from error
-    for name in names:
-        if (folder / name).is_dir():
-            raise InputError(
-                "is a folder, but a file of this name has to be written.", where=str(folder / name)
-            )
-
-
-def _tidy(folder: Path) -> None:
-    """Remove what killed processes left in a folder."""
-    for left in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError):
-            if time.time() - left.stat().st_mtime > _ABANDONED:
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def cell(value: Any) -> str:
-    """Return a value as the cell of a table."""
+    """Return a value as the cell of a table: numbers with four digits, a dash for None."""
+    if value is None:
+        return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -30,7 +30,15 @@ def citation(controller: Controller) -> str:
     adaptations = controller.adaptation_d.sources + controller.adaptation_k.sources
     entries: dict[str, str] = {}
     for source in (*controller.law.sources, *adaptations, *SOFTWARE):
-        entries |= _entries_of(source)
+        known = references()
+        own = {source: known[source]} if source in known else parse_bibtex(cleandoc(source))
+        if not own:
+            raise InputError(
+                f"there is no entry '{source}' in references.bib.{did_you_mean(source, known)}",
+                where="sources",
+                hint='Give the BibTeX entry itself: sources = ("@article{key, ...}",).',
+            )
+        entries |= own
     return "\n".join(entries.values())
 
 
@@ -45,32 +53,9 @@ def parse_bibtex(text: str) -> dict[str, str]:
 
     An entry starts a line with ``@kind{key,`` and ends at the last brace before the next one. As in
     BibTeX, all text between entries is a comment.
-
-    Raises:
-        InputError: an entry without its closing brace, or a key that is used twice.
     """
     entries: dict[str, str] = {}
     for part in re.split(r"^(?=[ \t]*@\w+\s*\{)", text, flags=re.MULTILINE):
         for key in re.findall(r"^\s*@\w+\s*\{\s*([^\s,{}]+)\s*,", part):
-            entry = part[: part.rfind("}") + 1].strip()
-            if entry.count("{") != entry.count("}") or not entry or key in entries:
-                raise InputError(
-                    f"the entry '{key}' has no closing brace, or its key is used twice.",
-                    where="BibTeX",
-                )
-            entries[key] = f"{entry}\n"
-    return entries
-
-
-def _entries_of(source: str) -> dict[str, str]:
-    """Return the entry that a key refers to, or the entries of a BibTeX text."""
-    if source in references():
-        return {source: references()[source]}
-    entries = parse_bibtex(cleandoc(source))
-    if not entries:
-        raise InputError(
-            f"there is no entry '{source}' in references.bib.{did_you_mean(source, references())}",
-            where="sources",
-            hint='Give the BibTeX entry itself: sources = ("@article{key, ...}",).',
-        )
+            entries[key] = part[: part.rfind("}") + 1].strip() + "\n"
     return entries

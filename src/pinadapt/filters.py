@@ -261,13 +261,8 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m, n, x = kinematics.positions, kinematics.nv, sensed.x
-        if (
-            state.__class__ is not ObserverState
-            or state.memory.size != m + 1
-            or state.s_f.size != (0 if self.error is None else n)
-            or state.disturbance.size != n
-        ):
+        m, x = kinematics.positions, sensed.x
+        if state.__class__ is not ObserverState or state.memory.size != m + 1:
             raise InputError("the filters are those of another controller.", where="state")
         memory, s_f, disturbance, R = state
         if not m or x is None:
@@ -368,7 +363,7 @@ class FilteredRegressor:
 
     The torque is affine in the parameters, M qdd + C qd + g + friction = Y a_d + tau_0, but its
     regressor needs qdd. Through F = lambda / (p + lambda) it does not: with the momentum form
-    tau = d/dt (Y_M a_d) + Y_0 a_d (see ``MomentumRegressor``) and F p = lambda (1 - F),
+    tau = d/dt (Y_M a_d) + Y_0 a_d (see ``Regressor``) and F p = lambda (1 - F),
 
         W = F Y = lambda Y_M - F (lambda Y_M - Y_0),        y = F (tau - tau_0).
 
@@ -410,14 +405,16 @@ class FilteredRegressor:
         self.low_pass = LowPass(bandwidth, "prediction filter")
         self.motors, self.constraints = motors, constraints
 
-    def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
-        """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        return self._begun(v.size, *self._inputs(q, v, None))
+    def init(
+        self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None
+    ) -> TorqueFilterState:
+        """Return the state at the first q (nq), v (n), at which W and y are zero.
 
-    @staticmethod
-    def _begun(n: int, fast: np.ndarray, u: np.ndarray, free: Any) -> TorqueFilterState:
-        """Return the state of filters that begin with these inputs."""
-        return TorqueFilterState(fast, np.zeros(n), u, np.zeros(n), np.zeros(2), (), free)
+        ``stands`` (c) says which contacts stand; None: all.
+        """
+        fast, u, free = self._inputs(q, v, stands)
+        y, tau = np.zeros((2, v.size))
+        return TorqueFilterState(fast, y, u, tau, np.zeros(2), (), free)
 
     def _inputs(
         self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None
@@ -458,15 +455,14 @@ class FilteredRegressor:
             InputError: the state of another filter.
         """
         fast, u, free = self._inputs(q, v, stands)
-        shape = u.shape
-        if state.__class__ is not TorqueFilterState or not state.Z.shape == state.u.shape == shape:
+        if state.__class__ is not TorqueFilterState or state.Z.shape != u.shape:
             raise InputError(
                 "the filters are those of other dynamics.",
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
         if free and state.free and not np.array_equal(free[1], state.free[1]):
-            state = self._begun(v.size, fast, u, free)._replace(underway=state.underway)
+            state = self.init(q, v, stands)._replace(underway=state.underway)
         Z_before, y, before, held, (share_u, share_tau), underway, _ = state
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
         W, bandwidth = fast - Z, self.low_pass.bandwidth
@@ -491,13 +487,13 @@ class FilteredRegressor:
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
-        Z, y, u, held, shares, underway, free = now.state
+        Z, y, u, held, shares, _, free = now.state  # nothing is underway without steps
         return TorqueFilterState(
             self.low_pass.rate(Z, u),
             self.low_pass.rate(y, now.state.projected(tau)),
-            np.zeros(u.shape),
-            np.zeros(held.shape),
-            np.zeros(shares.shape),
-            underway.still() if underway else (),
-            (np.zeros(free[0].shape), np.zeros(free[1].shape)) if free else (),
+            0.0 * u,
+            0.0 * held,
+            0.0 * shares,
+            (),
+            (0.0 * free[0], 0.0 * free[1]) if free else (),
         )

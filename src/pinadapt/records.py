@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -158,20 +158,11 @@ class Camera:
         """Refuse numbers that no camera has."""
         if self.rate is not None:
             object.__setattr__(self, "rate", positive(self.rate, "camera.rate"))
-        for name in ("delay", "dropout"):
-            number = positive(getattr(self, name), f"camera.{name}", zero=True)
+        for name, most in {"delay": 100.0, "dropout": 1.0}.items():
+            number = positive(getattr(self, name), f"camera.{name}", zero=True, most=most)
             object.__setattr__(self, name, number)
-        if self.delay > 100.0:
-            raise InputError(
-                f"must be at most 100 s, got {self.delay:g}.",
-                where="camera.delay",
-                hint="It is in seconds: 30 ms are 0.03.",
-            )
-        if self.dropout >= 1.0:
-            raise InputError(
-                f"must be a share of the frames, below 1, got {self.dropout:g}.",
-                where="camera.dropout",
-            )
+        if self.dropout == 1.0:
+            raise InputError("must be a share of the frames, below 1.", where="camera.dropout")
 
 
 @dataclass(frozen=True)
@@ -235,51 +226,44 @@ class Sensors:
     """
 
     camera: Camera | None = None
-    encoder: Deviation = 0.0
-    noise: Mapping[str, Deviation] = field(default_factory=dict, hash=False)
+    encoder: ArrayLike = 0.0
+    noise: Mapping[str, ArrayLike] = field(default_factory=dict, hash=False)
     compensate_delay: bool = True
-    torque_offset: Deviation | None = None
+    torque_offset: ArrayLike | None = None
     imu: Imu | None = None
 
-    def __init__(
-        self,
-        camera: Camera | None = None,
-        encoder: ArrayLike = 0.0,
-        noise: Mapping[str, ArrayLike] | None = None,
-        compensate_delay: bool = True,
-        torque_offset: ArrayLike | None = None,
-        imu: Imu | None = None,
-    ) -> None:
-        """Check and keep the sensors."""
-        given: dict[str, Any] = {
-            "camera": instance(camera, Camera | None, "sensors.camera"),
-            "encoder": _deviation(encoder, "sensors.encoder"),
-            "noise": {},
-            "compensate_delay": flag(compensate_delay, "sensors.compensate_delay"),
-            "torque_offset": None
-            if torque_offset is None
-            else _deviation(torque_offset, "sensors.torque_offset"),
-            "imu": instance(imu, Imu | None, "sensors.imu"),
-        }
-        for name, deviation in mapping(noise, "sensors.noise").items():
+    def __post_init__(self) -> None:
+        """Check and keep the sensors.
+
+        Raises:
+            InputError: as the class.
+        """
+        instance(self.camera, Camera | None, "sensors.camera")
+        instance(self.imu, Imu | None, "sensors.imu")
+        flag(self.compensate_delay, "sensors.compensate_delay")
+        noise = {}
+        for name, deviation in mapping(self.noise, "sensors.noise").items():
             where = f"sensors.noise.{word(name, CHANNELS, 'sensors.noise')}"
             checked = _deviation(deviation, where)
-            given["noise"][name] = checked if name == "tau" else positive(checked, where, zero=True)
-        if given["torque_offset"] is not None and "tau" not in given["noise"]:
+            noise[name] = checked if name == "tau" else positive(checked, where, zero=True)
+        object.__setattr__(self, "noise", noise)
+        object.__setattr__(self, "encoder", _deviation(self.encoder, "sensors.encoder"))
+        if self.torque_offset is None:
+            return
+        offset = _deviation(self.torque_offset, "sensors.torque_offset")
+        object.__setattr__(self, "torque_offset", offset)
+        if "tau" not in noise:
             raise InputError(
                 "a torque sensor has noise too.",
                 where="sensors.noise.tau",
                 hint="Give its standard deviation beside the offset.",
             )
-        for name, value in given.items():
-            object.__setattr__(self, name, value)
 
     @property
     def perfect(self) -> bool:
         """Whether q, v and x are measured at every sample, at once and without error."""
-        counted = np.any(self.encoder)
-        noisy = counted or _any(self.noise) or self.imu is not None
-        return self.camera in (None, Camera()) and not noisy
+        noisy = any(np.any(each) for each in (self.encoder, *self.noise.values()))
+        return self.camera in (None, Camera()) and not noisy and self.imu is None
 
     def quality(self, nv: int, dt: float) -> SensorQuality:
         """Return the sizes on which filters and rates depend.
@@ -311,10 +295,6 @@ class Sensors:
     def deviation(self, channel: str) -> float:
         """Return the standard deviation of a channel that has one number: all but ``tau``."""
         return float(self.noise.get(channel, 0.0))  # type: ignore[arg-type]
-
-
-def _any(noise: Mapping[str, Deviation]) -> bool:
-    return any(bool(np.any(deviation)) for deviation in noise.values())
 
 
 def _deviation(value: ArrayLike, where: str) -> Deviation:

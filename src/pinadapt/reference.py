@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ._checks import instance, positive, vector
+from ._checks import instance, joint_numbers, positive, vector
 from .description.chain import (
     angles_from_configuration,
     configuration_from_angles,
@@ -160,11 +160,6 @@ def _followed(
     redundant = model.nv > task.size
     share = 1.0 - math.exp(-posture.frequency * h) if redundant else 0.0
 
-    def jacobian(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the Jacobian (m, n) and the coordinates at q (nq)."""
-        x, J = task.linear_map(model, data, robot.frame_id, q)
-        return arms[:, None] * J, x
-
     def stepped(
         q: np.ndarray, target: np.ndarray, following: np.ndarray, share: float
     ) -> tuple[Any, float]:
@@ -172,7 +167,8 @@ def _followed(
 
         The squared error is added to the damping (Levenberg's rule): out of reach it is strong.
         """
-        J, x = jacobian(q)
+        x, J = task.linear_map(model, data, robot.frame_id, q)
+        J = arms[:, None] * J
         error, to_go = (arms * task.error(each, x) for each in (target, following))
         psi = -share * posture.offset(q)
         damped = J @ J.T + (least + float(error @ error)) * np.eye(task.size)
@@ -180,7 +176,8 @@ def _followed(
         step *= 0.2 / max(float(np.linalg.norm(step)), 0.2)  # [rad or m], far from the motion
         return pin.integrate(model, q, step), float(np.abs(error).max()) / reach
 
-    smallest = np.linalg.svd(jacobian(robot.q0)[0], compute_uv=False)[-1]
+    J_home = arms[:, None] * task.linear_map(model, data, robot.frame_id, robot.q0)[1]
+    smallest = np.linalg.svd(J_home, compute_uv=False)[-1]
     least = (0.01 * max(float(smallest), 1e-6)) ** 2  # half or twice: durations as they are to 1e-5
     for _ in range(100):  # a few, unless the point is out of reach
         after, error = stepped(q, targets[0], targets[0], 0.0)
@@ -247,9 +244,7 @@ def within_limits(
     most = np.full(n, np.inf) if most is None else most
     accelerations = np.full(n, np.inf)
     if acceleration is not None:
-        accelerations = vector(acceleration, n, "acceleration", names=names)
-        if (accelerations <= 0.0).any():
-            raise InputError("must be positive.", where="acceleration")
+        accelerations = joint_numbers(acceleration, "acceleration", n, zero=False)
     span = horizon if given.settles is None else min(max(given.settles, _STEP), horizon)
     s = np.linspace(0.0, span, math.ceil(span / _STEP) + 2)
     joints = joint_motion(given, robot, s)
@@ -409,13 +404,6 @@ def starting_from(
             "the robot as described does not reach the first point of the motion, "
             f"{first[: task.positions].round(3).tolist()} m; its reach is {robot.reach:.3g} m. Is "
             "the motion in metres, in the axes and from the origin of the robot's base?",
-            stacklevel=3,
-        )
-    elif duration is not None and approach.duration > duration:
-        warnings.warn(
-            f"the robot needs {approach.duration:.3g} s to the first point of the motion, and the "
-            f"run ends after {duration:.3g} s. Without an approach: motion.as_given(), in a "
-            "scenario trajectory.as_given = true.",
             stacklevel=3,
         )
     return approach

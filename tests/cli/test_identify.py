@@ -58,8 +58,6 @@ def test_options_override_the_file_beside_the_log(tmp_path):
     ):
         options_of(log, other, "--degrees")
     assert options_of(log, other) == ImportOptions(rate=50.0, mount="wall")
-    (tmp_path / "other.toml").write_text("degrees = true\n")
-    assert options_of(log, "--intake", str(tmp_path / "other.toml")) == ImportOptions(degrees=True)
 
 
 def test_a_doubtful_log_gives_a_nonzero_exit_status(copy, tmp_path, capsys):

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import pinadapt as pa
 from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
@@ -103,26 +102,12 @@ def test_a_standing_robot_carries_an_unknown_load_on_a_circle(tmp_path, capsys):
     assert "three point feet" in capsys.readouterr().err
 
 
-def test_a_set_point_law_gets_a_reachable_set_point(tmp_path):
-    law = next(name for name, law in pa.laws.LAWS.items() if law.set_point)
-    file = written(tmp_path, "scara", "--law", law)
+def test_a_joint_task_gets_sines_of_the_joints_for_any_law_of_joint_space(tmp_path):
+    file = written(tmp_path, ARM4, "--task", "joint", "--frame", "tip")
     tables = read_toml(file)
-    assert tables["controller"]["law"] == law and tables["trajectory"]["kind"] == "waypoints"
-    scenario = Scenario.read(file, ["simulation.duration=3.5", FOUR_MS])
-    assert scenario.findings() == [] and scenario.controller.law.name == law
-    rollout = scenario.run()
-    assert rollout.diverged is None and rollout.distance[-75:].max() < 0.02 * rollout.extent
-    gains = [line.removeprefix("# ") for line in file.read_text().splitlines() if "# Kp =" in line]
-    assert len(gains) == 1  # and can be taken as it stands
-    Scenario.read(file, [f"controller.{gains[0].split('#')[0].strip()}"])
-
-
-def test_a_law_of_joint_space_gets_sines_of_the_joints(tmp_path):
-    file, law = written(tmp_path, ARM4, "--law", "craig"), "craig"
-    tables = read_toml(file)
-    assert (tables["robot"]["task"], tables["controller"]["law"]) == ("joint", law)
+    assert tables["robot"]["task"] == "joint"
     assert tables["trajectory"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
-    short = ["simulation.duration=1.6", TWO_MS]
+    short = ["simulation.duration=1.6", TWO_MS, "controller.law=craig"]
     rollout = Scenario.read(file, short).run()
     fixed = Scenario.read(file, [*short, "controller.adaptation='none'"]).run()
     assert rollout.diverged is None and not rollout.limits.exceeded

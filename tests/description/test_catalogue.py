@@ -7,6 +7,7 @@ import pytest
 import pinadapt as pa
 from pinadapt._output import read_toml
 from pinadapt.description.catalogue import robots_folder
+from pinadapt.description.description import _from_catalogue
 from tests.support.chains import catalogue_robot
 from tests.support.loops import check_holds_home
 
@@ -15,7 +16,10 @@ ROWS = read_toml(robots_folder() / "catalogue.toml")
 
 def test_chains_have_the_stated_number_of_joints():
     entries = pa.catalogue().values()
-    counted = {entry.name: len(entry.limb(entry.load()[1])[1]) for entry in entries}
+    counted = {}
+    for entry in entries:
+        model = _from_catalogue(entry.name).model
+        counted[entry.name] = len(entry.limb(model)[1])
     assert counted == {entry.name: entry.joints for entry in entries}
 
 

@@ -43,7 +43,7 @@ def test_accelerations_and_frames_are_those_of_the_robot(name):
 
 def test_a_tree_has_the_mass_matrix_of_the_robot():
     described = catalogue_robot("solo8_fl_leg").drawn.whole
-    robot = pa.load(described, task="joint", weld_root=True)
+    robot = pa.load(described, task="joint")
     model = mujoco.MjModel.from_xml_string(robot.mjcf())
     data, M = mujoco.MjData(model), np.zeros((robot.model.nv, robot.model.nv))
     data.qpos[:] = robot.q0

@@ -21,7 +21,7 @@ def test_paths_are_distinguished_from_names():
 
 
 @pytest.mark.parametrize(
-    ("source", "words"), [("arms/arm", "no such file"), ("arm", "neither a robot of the catalogue")]
+    ("source", "words"), [("arms/arm", "No such file"), ("arm", "neither a robot of the catalogue")]
 )
 def test_library_scenarios_and_init_follow_the_rule(source, words, tmp_path, capsys):
     scenario = tmp_path / "scenario.toml"

@@ -95,7 +95,7 @@ def test_a_body_lighter_than_its_fixed_links_is_the_same_when_read_again(tmp_pat
 
 def test_a_tree_without_a_text_of_its_own_is_the_same_when_read_again(tmp_path):
     described = catalogue_robot("solo8_fl_leg").drawn.whole  # four legs, none of them the first
-    robot = pa.load(described, task="joint", weld_root=True).changed(armature=0.02)
+    robot = pa.load(described, task="joint").changed(armature=0.02)
     robot.save(tmp_path / "out.urdf")
     again = pa.load(tmp_path / "out.urdf", task="joint", joint_effects=True)
     order = [again.joint_names.index(name) for name in robot.joint_names]

@@ -51,7 +51,7 @@ def identified(*, known, wrong):
 
 def errors(found):
     """Return rms errors of the masses [kg], and of the torques of the bodies, as a share."""
-    true = arm().changed(payload=LOAD, armature=0.0, friction=pa.Friction.none(7))
+    true = arm().changed(payload=LOAD, armature=0.0, friction=pa.Friction())
     a = found.controller.dynamics.inertial.value(true)
     off, masses = found.dynamic.estimate[: a.size] - a, slice(0, None, 10)
     W = found.windows.W[:, :, : a.size]

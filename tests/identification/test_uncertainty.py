@@ -77,7 +77,7 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
         away = np.abs(estimates[0] - estimates[1])[known]
         near += (away < 2.0 * deviations[:, known].min(axis=0)).tolist()
         dynamics = identified(one).controller.dynamics.inertial
-        truth = dynamics.value(arm().changed(armature=0.0, friction=pa.Friction.none(6)))
+        truth = dynamics.value(arm().changed(armature=0.0, friction=pa.Friction()))
         own = parts[0].deviations[: truth.size]
         off = np.abs(parts[0].estimate[: truth.size] - truth)
         right += (off < 2.0 * own)[np.isfinite(own)].tolist()

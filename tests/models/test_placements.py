@@ -79,7 +79,7 @@ def test_parameters_of_a_robot_exist_without_turns():
     assert kinematics.x_hat == pytest.approx(longer.position(q), abs=1e-12)
     assert kinematics.value(wrong_arm(robot, rng)) is None
     # 27 of a calibration, less the position of the base and two shifts along three parallel axes
-    assert kinematics.base() == 27 - 3 - 2
+    assert pa.models.base_parameters(kinematics, robot).size == 27 - 3 - 2
 
 
 def test_lyapunov_equality_with_unknown_placements():

@@ -69,11 +69,11 @@ def test_torques_inertia_and_jacobian_are_those_of_pinocchio(name):
         assert np.allclose(inverse(a), torque, rtol=0.0, atol=1e-12 * scale)
         M = np.array([inverse(e) - inverse(0.0 * e) for e in np.eye(model.nv)])
         assert np.allclose(M, pin.crba(model, data, q), rtol=0.0, atol=1e-12 * scale)
-        J = np.empty((6, model.nv))
-        mujoco.mj_jacSite(own, theirs, J[:3], J[3:], 0)
-        where = pin.LOCAL_WORLD_ALIGNED
+        J, frame = np.empty((6, model.nv)), model.frames[robot.frame_id]
         pin.computeJointJacobians(model, data, q)
-        ours = pin.getFrameJacobian(model, data, robot.frame_id, where)
+        ours = pin.getFrameJacobian(model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+        point = pin.updateFramePlacement(model, data, robot.frame_id).translation
+        mujoco.mj_jac(own, theirs, J[:3], J[3:], point, frame.parentJoint)
         assert np.allclose(J, ours, rtol=0.0, atol=1e-12)
 
 

@@ -62,7 +62,8 @@ def test_a_loop_runs_on_a_custom_plant():
 def test_measurements_agree_with_the_motion():
     plant = pa.plants.PinocchioPlant(load("panda"))
     torque = np.linspace(5.0, 1.0, 7)
-    a = plant.acceleration(torque)
+    m = plant.measure()
+    a = plant.acceleration_at(m.q, m.v, torque)
     plant.step(torque, 1e-4)
     now = plant.measure()
     assert now.t == 1e-4 and np.allclose(now.v, 1e-4 * a, rtol=2e-2)
@@ -129,7 +130,7 @@ def wheel(inertia):
     body = pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3))
     joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "axle")
     model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction.none(1))
+    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction().of(model))
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-2, 1.0, 100.0])

@@ -33,7 +33,6 @@ def test_init_and_load_choose_the_same(path, tmp_path):
     assert main(["init", str(path), "--out", str(file)]) == 0
     written, robot = read_toml(file)["robot"], loaded(path)
     assert (written["frame"], written["task"]) == (robot.frame, robot.task.name)
-    assert written.get("weld_root", False) == robot.welded
     np.testing.assert_allclose(written["q0"], robot.home_angles, rtol=0.0, atol=1e-10)
     lower, upper = position_limits(robot.model)
     assert ((lower < robot.home_angles) & (robot.home_angles < upper)).all()
@@ -83,7 +82,7 @@ def test_a_tool_is_taken_before_cameras_and_fingers(tmp_path, names, chosen):
     assert set(names) - {robot.frame} <= set(robot.ends)
 
 
-def test_a_floating_base_is_fixed_for_a_file_and_refused_for_an_object(tmp_path):
+def test_a_floating_base_is_fixed(tmp_path):
     text = ARM4.read_text().replace(
         '<link name="base"/>',
         '<link name="world"/><link name="base"/><joint name="free" type="floating">'
@@ -94,10 +93,7 @@ def test_a_floating_base_is_fixed_for_a_file_and_refused_for_an_object(tmp_path)
     robot = pa.load(path)
     assert robot.welded and robot.model.nv == 4 and "floating base fixed" in repr(robot)
     assert robot.locked == ("finger1_joint", "finger2_joint")
-    with pytest.raises(pa.RobotError, match="floating"):
-        pa.load(path, weld_root=False)
-    with pytest.raises(pa.RobotError, match="floating"):
-        pa.load(pin.buildModelFromUrdf(str(path)))
+    assert pa.load(pin.buildModelFromUrdf(str(path)), frame="tip").welded
 
 
 def test_the_circle_of_a_pose_task_can_be_tracked():

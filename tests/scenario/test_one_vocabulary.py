@@ -52,7 +52,6 @@ VALUES = {
         "locked": [],
         "q0": [0.4, 0.9],
         "gravity": [0.0, -9.81, 0.0],
-        "weld_root": True,
         "mass": None,
         "xacro": None,
         "joint_effects": True,

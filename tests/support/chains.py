@@ -72,7 +72,7 @@ def random_robot(seed: int, joints: int) -> pa.Robot:
         "tip",
         TASKS["xyz"],
         pin.neutral(model),
-        pa.Friction.none(joints),
+        pa.Friction().of(model),
     )
 
 

@@ -276,35 +276,27 @@ def reference(
         ud[i] = xdd_d[i] - alpha * rate
 
 
-@compiled(
-    "void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])",
-    fills=2,
-    allocates=True,
-)
+@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:])", allocates=True)
 def subtract_limited_damping(
     feedforward: np.ndarray,
     D: np.ndarray,
     M: np.ndarray,
     rate: float,
-    v: np.ndarray,
-    v_r: np.ndarray,
     error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write the error e = v - v_r (n) and feedforward - (D^-1 + R^-1)^-1 e (n), R = rate M.
+    """Write feedforward - (D^-1 + R^-1)^-1 error (n), R = rate M.
 
     As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
-    work = np.empty((n + 2, n))
-    L, y, z = work[:n], work[n], work[n + 1]  # 1 / L_ii on the diagonal of L
-    for i in range(n):
-        error[i] = v[i] - v_r[i]
+    work = np.empty((n + 1, n))
+    L, z = work[:n], work[n]  # 1 / L_ii on the diagonal of L
     for i in range(n):
         x = 0.0
         for t in range(n):
             x += D[i, t] * error[t]
-        y[i] = x
+        z[i] = x
         torque[i] = feedforward[i] - x
         for j in range(i + 1):
             x = D[i, j] + rate * M[i, j]
@@ -312,15 +304,13 @@ def subtract_limited_damping(
                 x -= L[i, t] * L[j, t]
             L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):
-        x = y[i]
         for t in range(i):
-            x -= L[i, t] * z[t]
-        z[i] = x * L[i, i]
+            z[i] -= L[i, t] * z[t]
+        z[i] *= L[i, i]
     for i in range(n - 1, -1, -1):
-        x = z[i]
         for t in range(i + 1, n):
-            x -= L[t, i] * z[t]
-        z[i] = x * L[i, i]
+            z[i] -= L[t, i] * z[t]
+        z[i] *= L[i, i]
     for i in range(n):
         x = 0.0
         for t in range(n):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, whole
+from .._checks import instance, numbers, vector, whole
 from ..exceptions import GainError, InputError
 
 
@@ -236,16 +236,16 @@ def _moved(part: Any, rate: Any, dt: float) -> Any:
     return part + dt * rate
 
 
-def positive_numbers(given: ArrayLike, where: str) -> np.ndarray:
-    """Return a positive number or a list of them as an array.
+def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> np.ndarray:
+    """Return a positive number or a list of them as an array, with a size as one of that size.
 
     Raises:
-        GainError: one of them is not positive, or no number.
+        GainError: one of them is not positive, or no number, or they are of another size.
     """
     array = numbers(given, where, error=GainError)
     if array.ndim > 1 or not (array > 0.0).all():
         raise GainError("expected a positive number, or a list of them.", where=where)
-    return array
+    return array if size is None else vector(array, size, where, error=GainError)
 
 
 class Frozen(Adaptation):

@@ -237,14 +237,14 @@ class Natural(Adaptation):
             shares: (k) relative rates of the cone's matrices; None: all one.
 
         Raises:
-            GainError: gamma is not positive, or shares are not.
-            InputError: not a cone, or shares that are not k numbers.
+            GainError: gamma is not positive, or shares are not k positive numbers.
+            InputError: not a cone.
         """
         self.gamma = positive(gamma, "gamma_d")
         self.cone = instance(cone, MatrixInequality, "cone")
-        self.shares = None if shares is None else vector(shares, cone.blocks, "shares")
-        c = np.ones(cone.blocks) if self.shares is None else self.shares
-        self._gammas = self.gamma * positive_numbers(c, "shares")
+        c = positive_numbers(1.0 if shares is None else shares, "shares", cone.blocks)
+        self.shares = None if shares is None else c
+        self._gammas = self.gamma * c
         self._scale = np.repeat(c, cone.size // max(cone.blocks, 1))
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:

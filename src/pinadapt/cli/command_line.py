@@ -35,8 +35,6 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-SCENARIO = ".toml"
-
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
 # function of the same name runs the command and returns the exit status. A command that shares a
 # module with another one, see ``_SHARED``, has ``COMMAND_arguments``.
@@ -70,9 +68,7 @@ _SHARED = {
     "calibrate": "identify",
     "robots": "command_line",
 }
-_ENDING = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
-]
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown, warnings.showwarning = warnings.showwarning, _WarningPrinter()
+    shown, warnings.showwarning = warnings.showwarning, _once(set())
     try:
         with stopped_by_signals():
             options = _options(arguments)
@@ -134,43 +130,29 @@ def robots(options: Namespace) -> int:
     from .._output import Table  # here, because no other command needs them at once
     from ..description.catalogue import catalogue
 
-    rows = [
-        (
-            each.name,
-            str(each.joints),
-            each.task,
-            each.frame,
-            each.origin,
-            each.about,
-        )
-        for each in catalogue().values()
-    ]
-    print(Table(rows, ("name", "joints", "task", "frame", "from", "about")))
+    shown = ("name", "joints", "task", "frame", "origin", "about")
+    rows = [[str(getattr(each, name)) for name in shown] for each in catalogue().values()]
+    print(Table(rows, shown))
     return Exit.DONE
 
 
-class _WarningPrinter:
-    """Shows each warning once, wherever in the code it comes from."""
+def _once(texts: set[str]) -> Callable[..., None]:
+    """Return what shows each warning once, wherever in the code it comes from."""
 
-    def __init__(self) -> None:
-        self._texts: set[str] = set()
-
-    def __call__(self, message: Any, *where: Any, **more: Any) -> None:
-        if (text := str(message)) not in self._texts:
-            self._texts.add(text)
+    def show(message: Any, *where: Any, **more: Any) -> None:
+        """Print a warning whose text is not among the texts yet."""
+        if (text := str(message)) not in texts:
+            texts.add(text)
             print(f"pinadapt: warning: {text}", file=sys.stderr)
+
+    return show
 
 
 def status_of(*rollouts: Rollout) -> int:
-    """Return the exit status of a command that ran these rollouts."""
-    if interrupted(rollouts):
+    """Return the exit status of a command that ran these rollouts, of which one at least."""
+    if rollouts[-1].interrupted is not None:
         return Exit.INTERRUPTED
     return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
-
-
-def interrupted(rollouts: Sequence[Rollout]) -> bool:
-    """Return whether the last rollout was interrupted, so that no other should start."""
-    return bool(rollouts) and rollouts[-1].interrupted is not None
 
 
 @contextmanager
@@ -179,15 +161,15 @@ def stopped_by_signals() -> Iterator[None]:
 
     Signals that already have a handler, for example by ``nohup``, are left unchanged.
     """
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        free = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
-        before = {number: signal.signal(number, signal.default_int_handler) for number in free}
+    main = threading.current_thread() is threading.main_thread()
+    free = [each for each in _ENDING if main and signal.getsignal(each) is signal.SIG_DFL]
+    for number in free:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in free:
+            signal.signal(number, signal.SIG_DFL)
 
 
 # Arguments that several commands share, and the types of arguments
@@ -211,15 +193,22 @@ def add_settings(parser: ArgumentParser) -> None:
     )
 
 
-def add_out(parser: ArgumentParser, default: Path | str) -> None:
-    """Add ``--out``, a folder; a default that is not a path describes it in words."""
+def add_out(parser: ArgumentParser, default: str) -> None:
+    """Add ``--out``, a folder, whose default is described in words."""
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=default if isinstance(default, Path) else None,
-        metavar="DIR",
-        help=f"folder to write to (default: {default})",
+        "--out", type=Path, metavar="DIR", help=f"folder to write to (default: {default})"
     )
+
+
+def out_folder(options: Namespace, name: str) -> Path:
+    """Return the folder of ``--out``, by default one of this name in ``out``.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    folder: Path = options.out or Path("out") / name
+    check_writable(folder)
+    return folder
 
 
 def add_out_file(parser: ArgumentParser, default: str) -> None:
@@ -228,15 +217,6 @@ def add_out_file(parser: ArgumentParser, default: str) -> None:
         "--out", type=Path, metavar="FILE", help=f"scenario file to write (default: {default})"
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-
-
-def add_unadapted(parser: ArgumentParser) -> None:
-    """Add ``--unadapted``."""
-    parser.add_argument(
-        "--unadapted",
-        action="store_true",
-        help="run the same loop without adaptation as well and report its error",
-    )
 
 
 def add_description(parser: ArgumentParser) -> None:
@@ -262,9 +242,9 @@ def add_arguments_of(
 
     about = meanings(make)
     for name, kind in types.items():
-        option = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
-        if isinstance(kind, dict):
-            option = kind
+        option = kind if isinstance(kind, dict) else {"type": kind}
+        if isinstance(kind, tuple):
+            option = {"choices": kind}
         elif kind is bool:
             option = {"action": "store_true", "default": None}
         words = about[name].replace("%", "%%")
@@ -277,31 +257,26 @@ def given(options: Namespace, names: Iterable[str]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def check_new(file: Path, *, force: bool) -> None:
-    """Refuse a file that exists, unless it may be overwritten, or that cannot be written.
+def new_file(options: Namespace, name: str) -> Path:
+    """Return the scenario file of ``--out``, by default one of this name in the working directory.
 
     Raises:
-        InputError: it is refused.
+        InputError: it exists and may not be overwritten, or cannot be written.
     """
-    if file.exists() and not force:
+    file: Path = options.out or Path(f"{name}.toml")
+    if file.exists() and not options.force:
         raise InputError(
             "exists already.",
             where=str(file),
             hint="Overwrite it by --force, or choose another file by --out.",
         )
-    check_writable(file.parent, [file.name])
+    check_writable(file.parent)
+    return file
 
 
 def names(text: str) -> list[str]:
-    """Return the names in a comma-separated list, without repetitions.
-
-    Raises:
-        ArgumentTypeError: the list is empty.
-    """
-    found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if not found:
-        raise ArgumentTypeError("at least one name is expected")
-    return found
+    """Return the names in a comma-separated list, without repetitions."""
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def one_word(found: list[str] | None) -> str | list[str] | None:

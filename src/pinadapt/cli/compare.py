@@ -7,15 +7,21 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .._output import check_writable, one_run, write_json
+from .._output import one_run, write_json
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
 from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
-from ..scenario.comparison import NOT_ADAPTED, comparison_table, laws_for, pairs_of, run_beside
+from ..scenario.comparison import (
+    NOT_ADAPTED,
+    comparison_table,
+    laws_for,
+    run_beside,
+    under_laws,
+)
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_unadapted, interrupted, names, status_of
+from .command_line import Exit, add_out, add_scenario, names, out_folder, status_of
 from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
@@ -32,7 +38,6 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="A,B",
         help=f"names among {', '.join(LAWS)} (default: all that fit the task)",
     )
-    add_unadapted(parser)
 
 
 def compare(options: Namespace) -> int:
@@ -42,22 +47,20 @@ def compare(options: Namespace) -> int:
     an earlier comparison stay until those of this one are complete. A law that diverges is a row
     of the table, not a failure of the command.
     """
-    folder = options.out or Path("out") / f"{options.scenario.stem}-compare"
+    folder = out_folder(options, f"{options.scenario.stem}-compare")
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
-    pairs = list(pairs_of(options.scenario, laws, options.set, options.unadapted))
-    for law, (scenario, _) in zip(laws, pairs, strict=True):
+    scenarios = list(under_laws(options.scenario, laws, options.set))
+    for law, scenario in zip(laws, scenarios, strict=True):
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
-    check_writable(folder, [TABLE, FIGURE])
-    for law in laws:
-        check_writable(folder / law, RUN_FILES)
     with one_run(folder, _FILES, partly=False) as beside:
+        pairs = [(scenario, None) for scenario in scenarios]
         rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
-    return Exit.INTERRUPTED if interrupted(rollouts) else Exit.DONE
+    return Exit.DONE if rollouts[-1].interrupted is None else Exit.INTERRUPTED
 
 
 def _run_all(
@@ -69,10 +72,11 @@ def _run_all(
         for pair, folder in zip(pairs, folders, strict=True):
             rollouts.append(run_beside(*pair))
             write_run(rollouts[-1], folder, html=html)
-            if interrupted(rollouts):
+            if rollouts[-1].interrupted is not None:
                 break
     finally:
-        print(comparison_table(rollouts))
+        if rollouts:
+            print(comparison_table(rollouts))
     return rollouts
 
 
@@ -87,22 +91,17 @@ SHOWCASE = {
 
 def demo_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``demo``."""
-    add_out(parser, Path("out/demo"))
+    add_out(parser, "out/demo")
 
 
 def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
-    folders = [options.out / name for name in SHOWCASE]
-    for folder in folders:
-        check_writable(folder, RUN_FILES)
+    out = out_folder(options, "demo")
     pairs = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
         for path in (robots_folder() / file for file in SHOWCASE.values()):
             pairs.append((Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])))
-    rollouts = _run_all(pairs, folders, html=True)
-    print(
-        f"\nplots and animations: {options.out}/*/"
-        "error.png, parameters.png, torque.png, animation.html"
-    )
+    rollouts = _run_all(pairs, [out / name for name in SHOWCASE], html=True)
+    print(f"\nplots and animations: {out}/*/error.png, parameters.png, torque.png, animation.html")
     return status_of(*rollouts)

@@ -6,7 +6,6 @@ import json
 import runpy
 import time
 from argparse import ArgumentParser, Namespace
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,8 @@ from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
 from ..realtime.franka import FrankaArm, at_task_frame
-from ..realtime.realtime_loop import RealtimeLoop, Scheduling, Stage
+from ..realtime.processes import Scheduling
+from ..realtime.realtime_loop import RealtimeLoop, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
@@ -116,12 +116,10 @@ def drive(options: Namespace) -> int:
     """
     numbers = dict(setting(text, "--safety") for text in options.safety)
     safety: Safety = made(Safety, numbers, "safety")
-    _check_arm(options)
-    tables, folder = _tables(options)
-    load = None
-    if options.load is not None:
-        load = made(Payload, _json(options.load, "--load"), "--load")
-        _carry(load, tables, folder)
+    for name in given(options, ("load", *_COLLISION)):
+        if options.kind != "franka":
+            raise InputError("is set on a Franka only.", where=f"--{name}")
+    tables, folder, load = _tables(options)
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
     for finding in preflight(controller, controller.period):
@@ -158,49 +156,44 @@ def drive(options: Namespace) -> int:
     return Exit.DIVERGED if ending.failed else Exit.DONE
 
 
-def _tables(options: Namespace) -> tuple[Tables, Path]:
-    """Return the tables of the scenario, and the folder that its paths are relative to."""
+def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
+    """Return the tables of the scenario, the folder of its paths, and the load of a Franka.
+
+    The robot carries the load, whose gravity it compensates itself; the tables say so.
+
+    Raises:
+        InputError: the scenario is missing, or has a load already, or its robot no flange.
+    """
+    tables, folder = FRANKA, Path()
     if options.file is not None:
-        return read_tables(options.file, options.set), options.file.parent
-    if options.kind != "franka":
+        tables, folder = read_tables(options.file, options.set), options.file.parent
+    elif options.kind != "franka":
         raise ScenarioError(
             "is needed for this arm.",
             where="--scenario",
             hint="`pinadapt init ROBOT` writes one.",
         )
-    if options.set:
+    elif options.set:
         raise ScenarioError("needs --scenario, whose keys it sets.", where="--set")
-    return deepcopy(FRANKA), Path()
-
-
-def _check_arm(options: Namespace) -> None:
-    """Refuse an arm that does not exist, and options that it has not.
-
-    Raises:
-        InputError: it is refused.
-    """
-    kind = options.kind
-    for name in given(options, ("load", *_COLLISION)):
-        if kind != "franka":
-            raise InputError("is set on a Franka only.", where=f"--{name}")
-    if kind == "franka" and options.address is None:
-        raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
-    file = kind.rpartition(":")[0]
-    if kind not in ("simulated", "franka", "moteus") and not (
-        file.endswith(".py") and Path(file).is_file()
-    ):
-        raise InputError(
-            f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
-            "FILE.py:CLASS, an existing file.",
-            where="ARM",
+    if options.load is None:
+        return tables, folder, None
+    load = made(Payload, _json(options.load, "--load"), "--load")
+    if "payload" in tables.get("controller", {}):
+        raise ScenarioError(
+            "is also given by --load; give only one of them.", where="controller.payload"
         )
+    seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
+    com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
+    known = {"mass": seen.mass, "com": com, "inertia": inertia}
+    own = {"controller.payload": known, "controller.compensated": {"payload": known}}
+    return with_values(tables, own), folder, load
 
 
 def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Arm:
     """Return the arm of the options.
 
     Raises:
-        InputError: it cannot be connected.
+        InputError: there is none, or it cannot be connected.
     """
     kind, address = options.kind, options.address
     if kind == "simulated":
@@ -208,11 +201,31 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
         dt = scenario.engine.period(scenario.controller)
         return ProcessArm(make, dt, sensors=scenario.sensors)
     if kind == "moteus":
-        return _motors(scenario, address)
+        from ..realtime.moteus_arm import MoteusArm, Motor
+
+        table = dict(scenario.tables.get("moteus", {}))
+        motors = table.pop("motors", None)
+        if not isinstance(motors, list):
+            raise ScenarioError(
+                "is needed: one [[moteus.motors]] with joint and id for each joint.", where="moteus"
+            )
+        table |= {} if address is None else {"channel": address}
+        listed = [made(Motor, each, f"moteus.motors.{k}") for k, each in enumerate(motors)]
+        with located("moteus", table, ("robot",)):
+            period = scenario.controller.period
+            return MoteusArm(scenario.estimated, listed, period=period, **table)
     if kind == "franka":
+        if address is None:
+            raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
         known = given(options, ("recover", *_COLLISION))
         return FrankaArm(address, scenario.estimated, load=load, **known)
     file, _, name = kind.rpartition(":")
+    if not Path(file).is_file():
+        raise InputError(
+            f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
+            "FILE.py:CLASS, an existing file.",
+            where="ARM",
+        )
     found = runpy.run_path(file).get(name)
     arm = None if found is None else found(address, scenario.estimated)
     if not isinstance(arm, Arm):
@@ -230,43 +243,6 @@ def _json(text: str, where: str) -> Any:
         return json.loads(text)
     except ValueError as error:
         raise InputError(f"is not valid JSON: {error}.", where=where) from error
-
-
-def _carry(load: Payload, tables: Tables, folder: Path) -> None:
-    """Write into tables that the robot carries a load, whose gravity it compensates itself.
-
-    Raises:
-        InputError: the scenario has a load already, or its robot no flange.
-    """
-    if "payload" in tables.get("controller", {}):
-        raise ScenarioError(
-            "is also given by --load; give only one of them.", where="controller.payload"
-        )
-    seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
-    com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
-    known = {"mass": seen.mass, "com": com, "inertia": inertia}
-    with_values(tables, {"controller.payload": known, "controller.compensated": {"payload": known}})
-
-
-def _motors(scenario: Scenario, channel: str | None) -> Arm:
-    """Return the motors of [motors], at another channel of their interface if one is given.
-
-    Raises:
-        InputError: the scenario has no such table, or the motors cannot be used.
-    """
-    from ..realtime.moteus_arm import MoteusArm, Motor
-
-    table = dict(scenario.tables.get("moteus", {}))
-    motors = table.pop("motors", None)
-    if not isinstance(motors, list):
-        raise ScenarioError(
-            "is needed: one [[moteus.motors]] with joint and id for each joint.", where="moteus"
-        )
-    if channel is not None:
-        table["channel"] = channel
-    listed = [made(Motor, each, f"moteus.motors.{k}") for k, each in enumerate(motors)]
-    with located("moteus", table, ("robot",)):
-        return MoteusArm(scenario.estimated, listed, period=scenario.controller.period, **table)
 
 
 def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from .._output import check_writable, one_run, write_text
+from .._output import one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
 from ..identification.identification import identify as identify_log
@@ -19,11 +19,9 @@ from ..identification.torque_check import check_torques
 from ..logs.import_options import MOUNTS, REPEATED, SUFFIX, ImportOptions, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..scenario.scenario import Scenario
-from ..scenario.tables import parts, toml_value
+from ..scenario.tables import toml_value
 from ..tuning.unknowns import Unknown
 from .command_line import (
-    SCENARIO,
     Exit,
     add_arguments_of,
     add_description,
@@ -32,13 +30,19 @@ from .command_line import (
     given,
     names,
     one_word,
+    out_folder,
 )
 from .run import RUN_FILES
 
 
 def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
-    _add_log_and_robot(parser)
+    group = _add_shared(parser, "identified")
+    group.add_argument(
+        "--write-intake",
+        action="store_true",
+        help="read and check the log, write that file, and stop",
+    )
     add_arguments_of(parser, load, {"task": str})
     for option, what in (
         (
@@ -70,28 +74,21 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
     )
-    _add_import_options(parser).add_argument(
-        "--write-intake",
-        action="store_true",
-        help="read and check the log, write that file, and stop",
-    )
-    add_description(parser)
-    add_out(parser, "out/ and the log's name and -identified")
 
 
 def calibrate_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``calibrate``."""
-    _add_log_and_robot(parser)
+    _add_shared(parser, "calibrated")
     placements = {"type": names, "metavar": "A,B"}
     add_arguments_of(parser, calibration.calibrate, {"unknown": placements, "tracker": bool})
-    _add_import_options(parser)
-    add_description(parser)
-    add_out(parser, "out/ and the log's name and -calibrated")
-    parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
+    parser.set_defaults(task=None, test=[], empty=None)
 
 
-def _add_log_and_robot(parser: ArgumentParser) -> None:
-    """Add the logs, the robot, its frame and its locked joints."""
+def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
+    """Add logs, robot, folder of what is done, and a group of options; return the group.
+
+    The options say how a log is to be read, see ``ImportOptions``.
+    """
     parser.add_argument(
         "log",
         type=Path,
@@ -103,7 +100,7 @@ def _add_log_and_robot(parser: ArgumentParser) -> None:
         "--robot",
         required=True,
         metavar="ROBOT",
-        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
+        help="URDF, xacro or MJCF file, or a name as for `init`",
     )
     add_arguments_of(parser, load, {"frame": str})
     parser.add_argument(
@@ -112,16 +109,11 @@ def _add_log_and_robot(parser: ArgumentParser) -> None:
         metavar="A,B",
         help="joints that did not move (default: those off the chain)",
     )
-
-
-def _add_import_options(parser: ArgumentParser) -> argparse._ArgumentGroup:
-    """Add a group of options that say how a log is to be read, see ``ImportOptions``; return it."""
+    add_description(parser)
+    add_out(parser, f"out/ and the log's name and -{done}")
     group = parser.add_argument_group(
         "how the log is read",
         f"these options override the file beside the log: run{SUFFIX} of run.csv",
-    )
-    group.add_argument(
-        "--intake", type=Path, metavar="FILE", help="in place of the file beside the log"
     )
     group.add_argument(
         "--columns",
@@ -190,11 +182,9 @@ def _listed(text: str) -> Any:
     """Return a value, several ones, or values by name; what can be a number is one.
 
     Raises:
-        ArgumentTypeError: there is none, or an equals sign is missing.
+        ArgumentTypeError: an equals sign is missing.
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not parts:
-        raise ArgumentTypeError("at least one value is expected")
     if "=" in text:
         return {name: toml_value(value) for name, value in map(assignment, parts)}
     values = [toml_value(part) for part in parts]
@@ -209,20 +199,17 @@ def _import_options(options: Namespace) -> ImportOptions | None:
     """
     said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     said["columns"] = dict(said["columns"]) or None
-    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
-    if options.intake is None and all(value is None for value in said.values()):
+    if all(value is None for value in said.values()):
         return None
+    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
-    if options.intake is None and beside:
+    if beside:
         raise InputError(
             f"options apply to all logs, but {beside[0]} states how one of them is read.",
             where="identify",
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
-    place = options.intake or ImportOptions.beside(logs[0])
-    if options.write_intake and place is not None and not place.is_file():
-        place = None  # it is to be written
-    return ImportOptions.of(place).updated(**said)
+    return ImportOptions.of(ImportOptions.beside(logs[0])).updated(**said)
 
 
 def identify(options: Namespace) -> int:
@@ -233,9 +220,8 @@ def identify(options: Namespace) -> int:
     intake = _import_options(options)
     if options.write_intake:
         return max(_write_import_options(options, log, intake) for log in options.log)
-    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-identified"
-    _check_place(folder, FILES)
-    robot, unknown = _robot_and_unknown(options)
+    folder = _place(options, "identified", FILES)
+    robot = _robot(options)
     compared = {
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
@@ -246,7 +232,7 @@ def identify(options: Namespace) -> int:
             options.log,
             robot,
             intake=intake,
-            unknown=unknown.with_names(**named),
+            unknown=Unknown().with_names(**named),
             **given(options, ("test", "empty", "total_mass", "known_load")),
             mass_bounds=dict(options.mass_bounds or ()),
         )
@@ -275,9 +261,8 @@ def calibrate(options: Namespace) -> int:
 
     Nothing is written before the calibration is complete.
     """
-    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-calibrated"
-    _check_place(folder, calibration.FILES)
-    robot, _ = _robot_and_unknown(options)
+    folder = _place(options, "calibrated", calibration.FILES)
+    robot = _robot(options)
     found = calibration.calibrate(
         options.log,
         robot,
@@ -295,8 +280,8 @@ def calibrate(options: Namespace) -> int:
 
 def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
-    place = options.intake or place_beside(source)
-    robot, _ = _robot_and_unknown(options)
+    place = place_beside(source)
+    robot = _robot(options)
     intake = ImportOptions.of(ImportOptions.beside(source)) if intake is None else intake
     log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
@@ -310,28 +295,23 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
     return Exit.DONE if check.fits else Exit.REFUSED
 
 
-def _check_place(folder: Path, files: Sequence[str]) -> None:
-    """Refuse a folder that is not writable or that contains a run, perhaps the log itself.
+def _place(options: Namespace, done: str, files: Sequence[str]) -> Path:
+    """Return the folder of the outputs.
 
     Raises:
-        InputError: the folder is refused.
+        InputError: it is not writable or contains a run, perhaps the log itself.
     """
-    check_writable(folder, files)
+    folder = out_folder(options, f"{options.log[0].stem or 'log'}-{done}")
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",
             where=str(folder),
             hint="--out takes another place.",
         )
+    return folder
 
 
-def _robot_and_unknown(options: Namespace) -> tuple[Robot, Unknown]:
-    """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
+def _robot(options: Namespace) -> Robot:
+    """Return the robot of the options."""
     chosen = given(options, ("frame", "task", "mass"))
-    chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
-    if Path(options.robot).suffix != SCENARIO:
-        return load(options.robot, **chosen), Unknown()
-    if any(chosen.values()):
-        raise InputError("the scenario says which frame, task and joints.", where="robot")
-    scenario = Scenario.read(Path(options.robot))
-    return scenario.estimated, parts(scenario.tables)["unknown"]
+    return load(options.robot, locked=options.lock or (), xacro=dict(options.xacro), **chosen)

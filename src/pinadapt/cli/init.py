@@ -7,19 +7,17 @@ import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
-from pathlib import Path
 
 from .._output import write_text
-from ..laws import LAWS
+from ..robot.loading import limbs
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
+from .command_line import add_arguments_of, add_description, add_out_file, given, names, new_file
 
 _CHOICES = {
     "frame": {"type": names, "action": "extend"},
     "contacts": {"type": names, "action": "extend"},
     "task": str,
-    "law": tuple(name for name, law in LAWS.items() if law.adapts),
     "tracker": bool,
 }
 _FOOT = re.compile(r"foot|sole|toe|ankle|contact")  # in names of ends of legs
@@ -33,7 +31,7 @@ def arguments(parser: ArgumentParser) -> None:
         help="URDF, xacro or MJCF file, a name from `pinadapt robots`, or a name from the package "
         "robot_descriptions",
     )
-    add_arguments_of(parser, Template.of, _CHOICES)
+    add_arguments_of(parser, Template, _CHOICES)
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")
 
@@ -44,29 +42,27 @@ def init(options: Namespace) -> int:
     Raises:
         InputError: the file exists and --force is not given, or the robot cannot be used.
     """
-    template = Template.of(
+    template = Template(
         options.source,
         xacro=dict(options.xacro),
         **given(options, (*_CHOICES, "mass")),
     )
-    file = options.out or Path(f"{template.name}.toml")
-    check_new(file, force=options.force)
+    file = new_file(options, template.name)
     write_text(file, scenario_text(template, file.parent))
-    robot, task = template.robot, template.task
-    several = len(template.limbs) > 1
-    if several and not template.takes_all:
-        print(f"An arm or leg of {len(template.limbs)}. For the whole robot:")
-        print(*(f"  {each}" for each in _commands(options, template.limbs)), sep="\n")
-    ends = "', '".join(contact.frame for contact in robot.contacts) or "', '".join(robot.frames)
-    which = "the whole robot" if template.whole else f"to '{ends}'"
-    which = f"standing on '{ends}'" if robot.contacts else which
+    robot, task = template.robot, template.task or template.robot.task.name
+    found = limbs(robot)
+    if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
+        print(f"An arm or leg of {len(found)}. For the whole robot:")
+        print(*(f"  {each}" for each in _commands(options, found)), sep="\n")
+    ends = [contact.frame for contact in robot.contacts] or robot.frames
+    which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
-    if several and not template.whole:
+    if robot.locked:
         moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
         print(f"Controlled: {', '.join(moved)}.")
-    if robot.locked:
         print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
-    warn_of_findings(Scenario.read(file))
+    for finding in Scenario.read(file).findings():
+        warnings.warn(finding, stacklevel=1)
     print(f"\npinadapt run {file}")
     return 0
 
@@ -87,13 +83,3 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
     for choice in choices:
         words = ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
         yield shlex.join(words)
-
-
-def warn_of_findings(scenario: Scenario) -> None:
-    """Warn of what the pre-run check finds in a scenario, or say that it passed."""
-    found = scenario.findings()
-    for finding in found:
-        warnings.warn(finding, stacklevel=2)
-    if not found:
-        law, dt = scenario.controller.law.name, scenario.engine.period(scenario.controller)
-        print(f"Pre-run check passed: '{law}' is stable at {1e3 * dt:g} ms.")

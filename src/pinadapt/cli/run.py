@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from .._output import check_writable, one_run
@@ -16,8 +14,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
-from ..simulation.simulate import watched
-from .command_line import Exit, add_out, add_scenario, add_settings, add_unadapted, status_of
+from .command_line import Exit, add_out, add_scenario, add_settings, status_of
 
 RUN_FILES = (
     "rollout.npz",
@@ -39,7 +36,11 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--live", action="store_true", help="show the run in a browser, at most in real time"
     )
-    add_unadapted(parser)
+    parser.add_argument(
+        "--unadapted",
+        action="store_true",
+        help="run the same loop without adaptation as well and report its error",
+    )
 
 
 def run(options: Namespace) -> int:
@@ -64,7 +65,7 @@ def run_into(
 
     Return 3 if the loop diverged, 130 if it was interrupted, else 0.
     """
-    check_writable(folder, RUN_FILES)
+    check_writable(folder)
     rollout = run_beside(scenario, without, live=live)
     try:
         write_run(rollout, folder, html=html)
@@ -116,48 +117,40 @@ def view(options: Namespace) -> int:
     Raises:
         InputError: the folder contains no animation, or the scenario cannot be used.
     """
-    if options.scenario is None:
-        if options.attach is None or options.set:
-            raise InputError("is missing: a folder or a scenario.", where="DIR|SCENARIO.toml")
+    place, port = options.scenario, options.attach
+    if place is not None and place.is_dir():
+        from ..view.live import open_in_browser
+
+        page = place / "animation.html"
+        if not page.is_file():
+            raise InputError(
+                "holds no animation.html.",
+                where=str(place),
+                hint="`pinadapt run` writes one unless --no-html is given.",
+            )
+        print(page.resolve().as_uri())
+        open_in_browser(page.resolve().as_uri())
+        return Exit.DONE
+    if place is not None:
+        scenario = Scenario.read(place, options.set)
+    elif port is None or options.set:
+        raise InputError("is missing: a folder or a scenario.", where="DIR|SCENARIO.toml")
+    else:
         from .drive import FRANKA
 
-        return _attached(Scenario.build(FRANKA, Path()), options.attach)
-    if options.scenario.is_dir():
-        return _show(options.scenario)
-    scenario = Scenario.read(options.scenario, options.set)
-    if options.attach is not None:
-        return _attached(scenario, options.attach)
-    rollout = run_scenario(scenario, live=True)
-    print(rollout)
-    return status_of(rollout)
-
-
-def _attached(scenario: Scenario, port: int) -> int:
-    """Show a running loop until it ends; the loop does not notice."""
-    from ..realtime.recorder import watched as samples_of
+        scenario = Scenario.build(FRANKA, Path())
+    if port is None:
+        rollout = run_scenario(scenario, live=True)
+        print(rollout)
+        return status_of(rollout)
+    from ..realtime.recorder import watched
     from ..view.live import LiveView
 
     robot, controller = scenario.true, scenario.controller
-    samples = samples_of(port, controller, robot)
+    samples = watched(port, controller, robot)
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        for _ in live.watch(samples):
+        for _ in live.watch(samples):  # until the loop ends, which does not notice
             pass
-    return Exit.DONE
-
-
-def _show(folder: Path) -> int:
-    from ..view.live import open_in_browser
-
-    page = folder / "animation.html"
-    if not page.is_file():
-        raise InputError(
-            "holds no animation.html.",
-            where=str(folder),
-            hint="`pinadapt run` writes one unless --no-html is given.",
-        )
-    address = page.resolve().as_uri()
-    print(address)
-    open_in_browser(address)
     return Exit.DONE
 
 
@@ -178,29 +171,20 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     Raises:
         OSError: some could not be written; the folder has the others.
     """
-    steps: list[Callable[[Path], object]] = [
-        rollout.save,
-        rollout.plot,
-        partial(_keep_learned, rollout),
-    ]
-    if html:
-        steps.append(lambda beside: rollout.animate().save(beside / "animation.html"))
     try:
         with one_run(folder, RUN_FILES) as beside:
-            for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
-                steps[k](beside)
+            rollout.save(beside)
+            rollout.plot(beside)
+            if rollout.kinematic_names or rollout.dynamic_names:
+                try:
+                    rollout.parameters().save(beside / "learned.json")
+                    if rollout.evaluated().controller.dynamics.per_body:
+                        rollout.learned().save(beside / "learned.urdf")
+                except InputError as reason:
+                    words = "some learned parameters were not written"
+                    print(f"pinadapt: {words}: {reason}", file=sys.stderr)
+            if html:
+                rollout.animate().save(beside / "animation.html")
     except OSError as error:
         words = f"{folder}: not all could be written: {error.strerror or error}."
         raise OSError(words) from error
-
-
-def _keep_learned(rollout: Rollout, folder: Path) -> None:
-    """Write the learned parameters, if any: as JSON and, if they are those of bodies, as URDF."""
-    if not (rollout.kinematic_names or rollout.dynamic_names):
-        return
-    try:
-        rollout.parameters().save(folder / "learned.json")
-        if rollout.evaluated().controller.dynamics.per_body:
-            rollout.learned().save(folder / "learned.urdf")
-    except InputError as reason:
-        print(f"pinadapt: some learned parameters were not written: {reason}", file=sys.stderr)

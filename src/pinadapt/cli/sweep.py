@@ -6,6 +6,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from .._checks import whole
 from ..exceptions import InputError
 from ..sweep.cases import COPY, METHODS, Plan
 from ..sweep.execution import claimed, run_plan, scenario_of, work_of
@@ -60,16 +61,20 @@ def sweep(options: Namespace) -> int:
     A folder in place of a file: with ``--resume`` its missing cases are run, with ``--case`` one of
     them alone, else its report is made anew.
     """
+    from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
+
     path: Path = options.scenario
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
-    if path.is_dir() and not (options.resume or options.retry):
-        return _show(read(folder), plan, options.column, folder)
+    again = options.resume or options.retry
     if not path.is_dir():
-        claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
+        claimed(folder, plan, resume=again, anew=options.force)
     try:
-        table = run_plan(plan, options.processes, folder, retry=options.retry)
+        if path.is_dir() and not again:
+            table = read(folder)
+        else:
+            table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
         print(
             f"pinadapt: interrupted; {len(read(folder))} of {len(plan.cases)} cases are kept. "
@@ -77,7 +82,13 @@ def sweep(options: Namespace) -> int:
             file=sys.stderr,
         )
         return Exit.INTERRUPTED
-    return _show(table, plan, options.column, folder)
+    if not len(table):
+        print(f"no case has run; go on: pinadapt sweep {folder} --resume")
+        return Exit.DONE
+    report = SweepReport(table, plan, options.column, folder)
+    report.save(folder)
+    print(f"{report.sheet()}\n\nwritten to {folder}, see {folder / PAGE}")
+    return Exit.DONE
 
 
 def _plan(options: Namespace) -> tuple[Plan, Path]:
@@ -102,28 +113,10 @@ def _plan(options: Namespace) -> tuple[Plan, Path]:
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:
     """Run one case in this process: of a scenario with all outputs, of a function with its row."""
-    if not 0 <= number < len(plan.cases):
-        raise InputError(
-            f"there are {len(plan.cases)} cases, from 0 to {len(plan.cases) - 1}.", where="--case"
-        )
-    case = plan.cases[number]
+    case = plan.cases[whole(number, "--case", 0, most=len(plan.cases) - 1)]
     for key, value in case.values.items():
         print(f"{key} = {value}")
     if plan.scenario is None:
         print(CaseTable([{"case": number, "seed": case.seed, **work_of(plan)(case)}]))
         return Exit.DONE
     return run_into(folder / f"case-{number}", scenario_of(plan.scenario, plan.folder, case))
-
-
-def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
-    """Print the report of a table and write its page."""
-    from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
-
-    if not len(table):
-        print(f"no case has run; go on: pinadapt sweep {folder} --resume")
-        return Exit.DONE
-    report = SweepReport(table, plan, column, folder)
-    report.save(folder)
-    print(report.sheet())
-    print(f"\nwritten to {folder}, see {folder / PAGE}")
-    return Exit.DONE

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 
-from .._output import check_writable, write_json
+from .._output import write_json
 from ..sweep.cases import Plan
 from ..sweep.tune import tune as search
 from .command_line import (
@@ -16,6 +15,7 @@ from .command_line import (
     add_scenario,
     assignment,
     given,
+    out_folder,
 )
 
 FILE = "tune.json"
@@ -33,7 +33,7 @@ def arguments(parser: ArgumentParser) -> None:
         nargs="+",
         action="extend",
         type=assignment,
-        default=[],
+        required=True,
         metavar="KEY=RANGE",
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
@@ -60,8 +60,7 @@ def tune(options: Namespace) -> int:
     Writes ``tune.json`` with all trials.
     """
     plan = Plan.read(options.scenario, options.vary, options.set, samples=options.samples)
-    folder = options.out or Path("out") / f"{options.scenario.stem}-tune"
-    check_writable(folder, [FILE])
+    folder = out_folder(options, f"{options.scenario.stem}-tune")
     found = search(
         plan,
         dict(options.gain),
@@ -70,9 +69,5 @@ def tune(options: Namespace) -> int:
         **given(options, ("trials", "objective", "validation")),
     )
     write_json(folder / FILE, found.numbers)
-    if found.numbers["better"]:
-        print(
-            "--set " + " ".join(f"{key}={value}" for key, value in found.numbers["gains"].items())
-        )
     print(f"{found}\n\nwritten to {folder}")
     return Exit.DONE

@@ -5,15 +5,13 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 
-from .._output import Record, check_writable, records_table, write_json
-from ..description.catalogue import catalogue_entry
-from ..laws import LAWS
+from .._output import Record, records_table, write_json
+from ..description.catalogue import catalogue, catalogue_entry
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
-from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo, zoo_names
-from .command_line import Exit, add_arguments_of, add_out, add_processes, given, names
+from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo
+from .command_line import Exit, add_arguments_of, add_out, add_processes, names, out_folder
 
 TABLE = "zoo.json"
 
@@ -24,24 +22,21 @@ def arguments(parser: ArgumentParser) -> None:
         "--robots",
         type=names,
         metavar="A,B",
-        help="names from `pinadapt robots` (default: all that fit the task)",
+        help="names from `pinadapt robots` (default: all that fit)",
     )
-    laws = [law for law in LAWS.values() if law.adapts and not (law.joint_space or law.set_point)]
-    types = {"law": tuple(law.name for law in laws), "task": (POSITION, POSE), "seed": int}
-    add_arguments_of(parser, run_zoo, types)
+    add_arguments_of(parser, run_zoo, {"task": (POSITION, POSE)})
     add_processes(parser)
-    add_out(parser, Path("out/zoo"))
+    add_out(parser, "out/zoo")
 
 
 def zoo(options: Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = zoo_names(options.task or POSITION)
-    if options.robots:
-        names = [catalogue_entry(name).name for name in options.robots]
-    folder: Path = options.out
-    check_writable(folder, [TABLE])
-    chosen = given(options, ("law", "task", "seed", "processes"))
-    coming = run_zoo(names, **chosen)
+    task = options.task or POSITION
+    least = 6 if task == POSE else 0  # position and orientation
+    fit = [name for name, entry in catalogue().items() if entry.joints >= least]
+    names = [catalogue_entry(name).name for name in options.robots or fit]
+    folder = out_folder(options, "zoo")
+    coming = run_zoo(names, options.processes, task)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
@@ -50,11 +45,8 @@ def zoo(options: Namespace) -> int:
     write_json(folder / TABLE, rows)
     converged = sum(row["verdict"] == CONVERGED for row in rows)
     print(zoo_table(rows))
-    print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
-    if len(rows) < len(names):
-        print(f"interrupted, {len(names) - len(rows)} have not run")
-        return Exit.INTERRUPTED
-    return Exit.DONE
+    print(f"\n{converged} of {len(names)} converged; written to {folder / TABLE}")
+    return Exit.DONE if len(rows) == len(names) else Exit.INTERRUPTED
 
 
 def zoo_table(rows: Sequence[Record]) -> str:

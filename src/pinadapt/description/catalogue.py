@@ -13,10 +13,8 @@ import pinocchio as pin
 
 from .._output import read_toml
 from ..exceptions import RobotError, did_you_mean
-from .chain import chain_joints, frame_id, is_free_flyer
+from .chain import chain_joints, frame_id
 from .urdf import Urdf
-
-_OWN = "pinadapt"
 
 
 @dataclass(frozen=True)
@@ -56,37 +54,11 @@ class CatalogueEntry:
     @property
     def origin(self) -> str:
         """The name of the loader in example-robot-data, or "pinadapt"."""
-        return (self.loader or self.name) if self.urdf is None else _OWN
-
-    @property
-    def path(self) -> Path:
-        """The URDF file."""
-        return example_path(self.origin) if self.urdf is None else robots_folder() / self.urdf
-
-    def load(self) -> tuple[Urdf, pin.Model, np.ndarray]:
-        """Return the URDF, the whole model and a reference configuration (nq)."""
-        urdf, model, q_reference = _whole(self.path, self.origin)
-        model = model.copy()
-        if self.tip is not None:
-            index = frame_id(model, self.link)
-            link = model.frames[index]
-            placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
-            model.addFrame(
-                pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
-            )
-        return urdf, model, q_reference.copy()
-
-    def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Return the visual or collision geometry of the whole robot."""
-        return whole_geometry(self.path, self.origin, kind)
+        return (self.loader or self.name) if self.urdf is None else "pinadapt"
 
     def limb(self, model: pin.Model) -> tuple[list[int], list[int]]:
         """Return the joints of the whole model before the limb, and those of the limb."""
-        chain = [
-            joint
-            for joint in chain_joints(model, frame_id(model, self.frame))
-            if not is_free_flyer(model.joints[joint])
-        ]
+        chain = chain_joints(model, frame_id(model, self.frame))
         names = [str(model.names[joint]) for joint in chain]
         start = 0 if self.first is None else names.index(self.first)
         return chain[:start], chain[start:]
@@ -119,14 +91,8 @@ def catalogue_entry(name: str) -> CatalogueEntry:
 def robots_folder() -> Path:
     """Return the folder ``robots``: inside the package, or beside ``src`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    for folder in (package / "robots", package.parents[1] / "robots"):
-        if (folder / "catalogue.toml").is_file():
-            return folder
-    raise RobotError(
-        "the folder 'robots' with the file catalogue.toml is missing from this installation.",
-        where=str(package),
-        hint="Install pinadapt again.",
-    )
+    inside = package / "robots"
+    return inside if inside.is_dir() else package.parents[1] / "robots"
 
 
 def whole_names() -> list[str]:
@@ -134,19 +100,10 @@ def whole_names() -> list[str]:
     return list(_loaders().ROBOTS)
 
 
-def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
-    """Return URDF, model and reference pose (nq); callers must not change them."""
-    return _whole(example_path(name), name)
-
-
 @cache
-def _whole(path: Path, origin: str) -> tuple[Urdf, pin.Model, np.ndarray]:
+def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
     """Return URDF, model and reference pose (nq) of a whole robot; callers must not change them."""
-    urdf = Urdf.read(path)
-    if origin == _OWN:
-        model = urdf.model()
-        return urdf, model, pin.neutral(model)
-    loaders, kind = _loaders(), _loaders().ROBOTS[origin]
+    loaders, kind, urdf = _loaders(), _loaders().ROBOTS[name], Urdf.read(example_path(name))
     model = urdf.model(*[pin.JointModelFreeFlyer()] if kind.free_flyer else ())
     if hasattr(kind, "freeflyer_ori"):
         model.jointPlacements[1].rotation = kind.freeflyer_ori
@@ -158,9 +115,9 @@ def _whole(path: Path, origin: str) -> tuple[Urdf, pin.Model, np.ndarray]:
 
 
 @lru_cache(maxsize=8)  # the meshes of a robot take up to 200 MB
-def whole_geometry(path: Path, origin: str, kind: pin.GeometryType) -> pin.GeometryModel:
+def whole_geometry(name: str, kind: pin.GeometryType) -> pin.GeometryModel:
     """Return visual or collision geometry of a whole robot; callers must not change it."""
-    urdf, model, _ = _whole(path, origin)
+    urdf, model, _ = whole_robot(name)
     return urdf.geometry(model, kind)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
@@ -17,6 +16,8 @@ Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
 """A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
 Closures: TypeAlias = Sequence[tuple[str, str, int]]
 """Two frames that move alike, and in how many coordinates: 3 of position, or these and 3 angles."""
+Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Lower and upper limits (nv) [rad or m]."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
 
@@ -82,8 +83,9 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
-    """Return the indices of the joints from the base to a frame, in this order."""
-    return [int(joint) for joint in model.supports[model.frames[frame].parentJoint] if joint > 0]
+    """Return the indices of the joints from the base to a frame, in this order; no free-flyer."""
+    joints = list(model.supports[model.frames[frame].parentJoint])[1:]
+    return [joint for joint in joints if not is_free_flyer(model.joints[joint])]
 
 
 def is_slide(joint: pin.JointModel) -> bool:
@@ -130,18 +132,18 @@ def reduced(
 
 def configuration_from_angles(model: pin.Model, angles: np.ndarray) -> np.ndarray:
     """Return the configuration (nq) of joint positions (nv) [rad or m]."""
-    return np.asarray(pin.integrate(model, pin.neutral(model), np.asarray(angles, dtype=float)))
+    return pin.integrate(model, pin.neutral(model), angles)
 
 
 def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return the joint positions (nv) [rad or m] of a configuration (nq)."""
-    return np.asarray(pin.difference(model, pin.neutral(model), q))
+    return pin.difference(model, pin.neutral(model), q)
 
 
 # Limits and size
 
 
-def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def position_limits(model: pin.Model) -> Bounds:
     """Return lower and upper joint limits (nv) [rad or m]; +-inf for joints without limits.
 
     URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
@@ -152,7 +154,7 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
 
-def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
     joints = model.joints[1:]
     at, turns = [joint.idx_q for joint in joints], [joint.nq > 1 for joint in joints]
@@ -161,7 +163,7 @@ def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+def position_bounds(model: pin.Model) -> Bounds:
     """Return finite bounds (nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
     lower, upper = position_limits(model)
     half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
@@ -180,20 +182,6 @@ def velocity_limits(model: pin.Model) -> np.ndarray:
 
 def _limits(stated: np.ndarray) -> np.ndarray:
     return np.where((stated > 0.0) & (stated < LARGEST), stated, np.inf)
-
-
-def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
-    """Warn if joint positions (nv) [rad or m] of a home pose are outside the joint limits."""
-    lower, upper = position_limits(model)
-    off = np.abs(angles - np.clip(angles, lower, upper)) > 1e-8
-    outside = [
-        f"joint '{model.names[j + 1]}' at {angles[j]:.6g}, limits {lower[j]:.6g} to {upper[j]:.6g}"
-        for j in np.flatnonzero(off).tolist()
-    ]
-    if outside:
-        warnings.warn(
-            f"q0 is outside the joint limits [rad or m]: {'; '.join(outside)}.", stacklevel=3
-        )
 
 
 def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> float:
@@ -217,12 +205,6 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
     return float(length or (upper - lower).sum())
 
 
-def _steps(model: pin.Model, frame: int) -> list[np.ndarray]:
-    """Return the way (3) [m] from each joint to the next, and from the last one to a frame."""
-    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
-    return [placement.translation for placement in placements]
-
-
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of |J_i|, column by column of the frame's Jacobian, over all configurations.
 
@@ -240,7 +222,8 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     low, high = position_limits(model)
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
-    steps, linear = _steps(model, frame), np.ones(model.nv)
+    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    steps, linear = [place.translation for place in placements], np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
         first = np.linalg.norm(np.cross(axes[:, i], data.oMi[i + 1].rotation @ steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))
@@ -278,27 +261,24 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
         mimics: names of joints that depend on others.
 
     Raises:
-        RobotError: a free-flyer, a mimic joint, or a joint that is neither revolute nor prismatic.
+        RobotError: a mimic joint, or a joint that is neither revolute nor prismatic.
     """
     for joint in joints:
-        kind, name = model.joints[joint].shortname().removeprefix("JointModel"), model.names[joint]
-        if is_free_flyer(model.joints[joint]):
+        if not is_independent(model, joint, mimics):
+            kind = model.joints[joint].shortname().removeprefix("JointModel")
             raise RobotError(
-                f"joint '{name}' makes the base floating; the control laws are for fixed-base "
-                "chains.",
-                where=model.name,
-                hint="To use one limb as a fixed-base arm, fix the base: load(..., "
-                "weld_root=True), in a scenario robot.weld_root = true.",
-            )
-        mimic = name in mimics or "Mimic" in kind
-        if mimic or kind[0] not in "RP" or model.joints[joint].nv != 1:
-            kind = "mimics another joint" if mimic else f"is of type {kind}"
-            raise RobotError(
-                f"joint '{name}' {kind}; the control laws need independent revolute, continuous "
-                "and prismatic joints.",
+                f"joint '{model.names[joint]}' mimics another one, or its type {kind} is none of "
+                "the revolute, continuous and prismatic ones that the control laws need.",
                 where=model.name,
                 hint="Lock it with `locked`, or choose a frame before it.",
             )
+
+
+def is_independent(model: pin.Model, joint: int, mimics: Collection[str]) -> bool:
+    """Return whether a joint is revolute, continuous or prismatic, and follows no other one."""
+    part, kind = model.joints[joint], model.joints[joint].shortname().removeprefix("JointModel")
+    follows = model.names[joint] in mimics or "Mimic" in kind
+    return part.nv == 1 and kind[0] in "RP" and not follows
 
 
 def check_position_limits(model: pin.Model) -> None:

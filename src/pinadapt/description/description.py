@@ -18,11 +18,12 @@ from ..exceptions import RobotError, did_you_mean
 from .catalogue import (
     catalogue,
     catalogue_entry,
+    robots_folder,
     whole_geometry,
     whole_names,
     whole_robot,
 )
-from .chain import Closures, Mimics, check_numbers
+from .chain import Closures, Mimics, check_numbers, frame_id
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path, read_xml
@@ -45,8 +46,7 @@ class Description:
         frame: default task frame, or None.
         task: default task, or None.
         locked: joints to lock.
-        weld_root: whether a floating base is always fixed.
-        from_file: whether it comes from a file; a floating base in a file is fixed by default.
+        catalogued: whether it is a chain of the catalogue.
         urdf: the URDF it was read from, or None.
         closures: loops, see ``Closures``.
         passive: joints without a motor.
@@ -60,8 +60,7 @@ class Description:
     frame: str | None = None
     task: str | None = None
     locked: tuple[str, ...] = ()
-    weld_root: bool = False
-    from_file: bool = False
+    catalogued: bool = False
     urdf: Urdf | None = None
     closures: Closures = ()
     passive: tuple[str, ...] = ()
@@ -110,72 +109,62 @@ def describe(
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
     model = source if isinstance(source, pin.Model) else source.model
+    shapes = {
+        pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
+        pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
+    }
     q_reference = getattr(source, "q0", None)
-    return Description(
-        str(model.name),
-        model,
-        partial(
-            _given, *(getattr(source, f"{kind}_model", None) for kind in ("visual", "collision"))
-        ),
-        pin.neutral(model) if q_reference is None else q_reference,
-    )
-
-
-def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
-    """Return one of two geometries that are already in memory, or None."""
-    return visual if kind == pin.GeometryType.VISUAL else collision
+    q_reference = pin.neutral(model) if q_reference is None else q_reference
+    return Description(str(model.name), model, shapes.get, q_reference)
 
 
 def _from_file(
-    path: Path, xacro: XacroArguments, packages: Mapping[str, str] | None = None
+    path: Path, xacro: XacroArguments | None = None, packages: Mapping[str, str] | None = None
 ) -> Description:
     """Read a URDF, xacro or MJCF file."""
-    root = read_xml(path)
-    mjcf = root.tag == "mujoco" and not xacro
-    file = Mjcf.read(path, root) if mjcf else Urdf.read(path, xacro, packages)
-    model = file.model()
-    return Description(
-        str(model.name),
-        model,
-        partial(file.geometry, model),
-        keyframe(model),
-        file.mimics,
-        from_file=True,
-        urdf=file if isinstance(file, Urdf) else None,
-        closures=file.closures if isinstance(file, Mjcf) else (),
-        passive=file.passive(model) if isinstance(file, Mjcf) else (),
-    )
+    root, own = read_xml(path), dict[str, Any]()
+    file: Urdf | Mjcf
+    if root.tag == "mujoco" and not xacro:
+        file = Mjcf.read(path, root)
+        model = file.model()
+        own = {"closures": file.closures, "passive": file.passive(model)}
+    else:
+        file = own["urdf"] = Urdf.read(path, xacro, packages)
+        model = file.model()
+    geometry = partial(file.geometry, model)
+    return Description(str(model.name), model, geometry, keyframe(model), file.mimics, **own)
+
+
+def _whole_robot(name: str) -> Description:
+    """Return a whole robot of example-robot-data, by the name of its loader."""
+    urdf, model, q_reference = whole_robot(name)
+    geometry = partial(whole_geometry, name)
+    return Description(name, model.copy(), geometry, q_reference.copy(), urdf.mimics, urdf=urdf)
 
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    urdf, model, q_reference = entry.load()
+    own = None if entry.urdf is None else robots_folder() / entry.urdf
+    whole = _whole_robot(entry.origin) if own is None else _from_file(own)
+    model, q_reference = whole.model, whole.q_reference
+    if entry.tip is not None:
+        index = frame_id(model, entry.link)
+        link, kind = model.frames[index], pin.FrameType.OP_FRAME
+        place = link.placement * pin.SE3(np.eye(3), np.array(entry.tip))
+        model.addFrame(pin.Frame(entry.frame, link.parentJoint, index, place, kind))
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
         q_reference[part.idx_q : part.idx_q + part.nq] = (
             angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
         )
-    return Description(
-        entry.name,
-        model,
-        entry.geometry,
-        q_reference,
-        urdf.mimics,
-        entry.frame,
-        entry.task,
-        tuple(str(model.names[joint]) for joint in before),
-        weld_root=True,
-        urdf=urdf,
-    )
-
-
-def _whole_robot(name: str) -> Description:
-    """Return a whole robot of example-robot-data, by the name of its loader."""
-    urdf, model, q_reference = whole_robot(name)
-    geometry = partial(whole_geometry, urdf.path, name)
-    return Description(
-        name, model.copy(), geometry, q_reference.copy(), urdf.mimics, from_file=True, urdf=urdf
+    return replace(
+        whole,
+        name=entry.name,
+        frame=entry.frame,
+        task=entry.task,
+        locked=tuple(str(model.names[joint]) for joint in before),
+        catalogued=True,
     )
 
 

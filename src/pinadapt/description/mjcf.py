@@ -108,8 +108,8 @@ class Mjcf:
 
     def passive(self, model: pin.Model) -> tuple[str, ...]:
         """Return the joints that no actuator moves; none if the file has no actuators of joints."""
-        names = [str(name) for name in model.names[1:]]
-        return tuple(name for name in names if self.driven and name not in self.driven)
+        names = map(str, model.names[1:] if self.driven else ())
+        return tuple(name for name in names if name not in self.driven)
 
     def model(self) -> pin.Model:
         """Build the model, with frames where loops are closed, which meet at the pose "qpos0".

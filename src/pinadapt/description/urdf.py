@@ -146,24 +146,20 @@ class Urdf:
         """The mimic joints, which Pinocchio treats as independent."""
         found = {}
         for joint in self.root.findall("joint[mimic]"):
-            stated = joint.find("mimic")
-            assert stated is not None
-            ratio, offset = (
-                float(stated.get(name, default))
-                for name, default in (("multiplier", "1"), ("offset", "0"))
-            )
+            stated = child(joint, "mimic")
+            ratio, offset = float(stated.get("multiplier", "1")), float(stated.get("offset", "0"))
             found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
         return found
 
-    def joint_effects(self, attribute: str) -> dict[str, float]:
-        """Return joint name -> the number of an attribute of <dynamics>, for joints that state it.
+    def joint_effects(self) -> dict[str, dict[str, float]]:
+        """Return joint name -> the numbers of its <dynamics> by attribute.
 
         ``Robot.urdf`` writes those that URDF does not define, such as ``armature``.
         """
         return {
-            joint.get("name", ""): float(dynamics.attrib[attribute])
+            joint.get("name", ""): {name: float(x) for name, x in dynamics.attrib.items()}
             for joint in self.root.findall("joint")
-            for dynamics in joint.findall(f"dynamics[@{attribute}]")
+            for dynamics in joint.findall("dynamics")
         }
 
 
@@ -237,16 +233,12 @@ def _fill_gaps(root: ElementTree.Element, where: str) -> None:
         if name not in known:
             undefined.append(name)
             ElementTree.SubElement(root, "link", name=name)
-    if unlimited:
-        warnings.warn(
-            f"{where}: no limit is stated, taken as unlimited: {', '.join(unlimited)}.",
-            stacklevel=3,
-        )
-    if undefined:
-        warnings.warn(
-            f"{where}: missing parent link added without a body: {', '.join(undefined)}.",
-            stacklevel=3,
-        )
+    for gap, names in (
+        ("no limit is stated, taken as unlimited", unlimited),
+        ("missing parent link added without a body", undefined),
+    ):
+        if names:
+            warnings.warn(f"{where}: {gap}: {', '.join(names)}.", stacklevel=3)
 
 
 # XML
@@ -260,12 +252,8 @@ def read_xml(path: Path) -> ElementTree.Element:
     """
     try:
         return parse_xml(path.read_bytes(), str(path))
-    except FileNotFoundError as error:
-        near = sorted(map(str, [*path.parent.glob("*.urdf"), *path.parent.glob("*.xacro")]))
-        hint = f"Robot files in that folder: {near}." if near else None
-        raise RobotError("no such file.", where=str(path), hint=hint) from error
     except OSError as error:
-        raise RobotError(f"cannot be read ({error.strerror}).", where=str(path)) from error
+        raise RobotError(f"cannot be read: {error.strerror}.", where=str(path)) from error
 
 
 def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:

@@ -33,14 +33,6 @@ def first_comment(robot: Any, words: str) -> Any:
     return ElementTree.Comment(f" {text.replace('--', '- -')} ")
 
 
-def _effects(robot: Any) -> dict[str, np.ndarray]:
-    """Return attribute of <dynamics> -> (nv) numbers; of what is not zero."""
-    friction = robot.friction
-    own = {"damping": friction.viscous, "friction": friction.coulomb}
-    own["armature"] = robot.model.armature
-    return {name: values for name, values in own.items() if values.any()} | friction.special
-
-
 def urdf_text(robot: Any, *, shapes: bool = True) -> str:
     """Return the text of a URDF of a ``Robot`` that Pinocchio and MuJoCo read.
 
@@ -80,14 +72,17 @@ class _Edited:
             self._place_tool(name)
         for index in range(max(own[0][0] - 1, 1), len(names) + 1):  # with a free base, its root
             self._write_inertia(index)
-        for attribute, values in _effects(self.robot).items():
-            if attribute != "armature" or not np.array_equal(values, self.described.armature):
-                for index, name in own:
-                    value = values[index - 1]
-                    stated = child(self.joints[name], "dynamics").attrib
-                    if float(stated.get(attribute, "nan")) != value:
-                        stated[attribute] = digits(value)
-                        stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
+        friction = self.robot.friction
+        usual = {"damping": friction.viscous, "friction": friction.coulomb}
+        if not np.array_equal(model.armature, self.described.armature):
+            usual["armature"] = model.armature
+        effects = {name: values for name, values in usual.items() if values.any()}
+        for attribute, values in (effects | friction.special).items():
+            for index, name in own:
+                stated, value = child(self.joints[name], "dynamics").attrib, values[index - 1]
+                if float(stated.get(attribute, "nan")) != value:
+                    stated[attribute] = digits(value)
+                    stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
         self.packages.find_files(self.root)
         if self.root.find("mujoco") is None and next(self.root.iter("mesh"), None) is not None:
             extension = ElementTree.SubElement(self.root, "mujoco")  # which accepts absolute paths

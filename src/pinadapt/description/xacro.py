@@ -95,7 +95,10 @@ class Packages:
         """Return the folder of a package, or None."""
         if name in self.named:
             return Path(self.named[name])
-        for place in (*self._above, *_ros_folders()):
+        first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+        second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        ros = [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
+        for place in (*self._above, *ros):
             for folder in (place, place / name):
                 if folder.name == name and folder.is_dir():
                     return folder
@@ -119,22 +122,15 @@ class Packages:
     def find_files(self, root: ElementTree.Element) -> set[str]:
         """Make the paths of meshes and textures absolute; return the names that are not found."""
         missing = set()
-        for element in root.iter():
-            name = element.get("filename") if element.tag in ("mesh", "texture") else None
-            if name is not None and (file := self.file(name)) is not None:
-                element.set("filename", str(file))
-            elif name is not None:
+        for element in [*root.iter("mesh"), *root.iter("texture")]:
+            name = element.get("filename", "")
+            if (file := self.file(name)) is None:
                 missing.add(name)
+            else:
+                element.set("filename", str(file))
         return missing
 
     @property
     def _above(self) -> list[Path]:
         folder = self.folder.resolve()
         return [folder, *folder.parents]
-
-
-def _ros_folders() -> list[Path]:
-    """Return the folders of packages that the environment variables of ROS 1 and ROS 2 list."""
-    first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-    second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]

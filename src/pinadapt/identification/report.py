@@ -192,7 +192,7 @@ class Identification(Printed):
         found = torque_information(names, a, windows, self.stated, gain=gain)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
-        return PayloadEstimate.of(own, known)
+        return PayloadEstimate.of(own, known, plain.explained)
 
     def _load_of(self, found: Information) -> PayloadEstimate:
         """Return the load that explains the change of the bodies, by their information."""
@@ -516,8 +516,6 @@ class Identification(Printed):
             kinematic_names=(),
             dynamic_names=self.estimator.names,
             marks=(),
-            diverged=None,
-            interrupted=None,
         )
         slides = self.described.slides
         with matplotlib.rc_context(RC):

@@ -49,6 +49,9 @@ class PayloadEstimate(Printed):
         mass, mass_known_to: mass and its uncertainty [kg].
         com, com_known_to: (3) centre of mass [m].
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
+        explained: share, from 0 to 1, of the change of all bodies that a load on the last body
+            accounts for. If it is not nearly one, estimates still move, or the arm is not as
+            described.
     """
 
     mass: float
@@ -57,14 +60,17 @@ class PayloadEstimate(Printed):
     com_known_to: np.ndarray
     inertia: np.ndarray
     inertia_known_to: np.ndarray
+    explained: float = 1.0
 
     @classmethod
-    def of(cls, value: np.ndarray, deviation: np.ndarray) -> PayloadEstimate:
+    def of(
+        cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
+    ) -> PayloadEstimate:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
         (mass, com, inertia), known = (
             (float(part[0]), part[1:4], part[4:]) for part in (value, deviation)
         )
-        return cls(mass, known[0], com, known[1], inertia, known[2])
+        return cls(mass, known[0], com, known[1], inertia, known[2], explained)
 
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -81,8 +87,9 @@ class PayloadEstimate(Printed):
         return Payload(self.mass, self.com, self.inertia)
 
     def sheet(self) -> Report:
-        """Return the table."""
-        return Report("Load", [self.table()])
+        """Return the table, and what the load accounts for where other bodies changed too."""
+        note = f"A load on the last body accounts for {self.explained:.3%} of the change."
+        return Report("Load", [self.table()], note if self.explained < 1.0 else "")
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
@@ -122,19 +129,12 @@ def payload_estimate(
     joints = list(range(prior.coefficients.start, prior.coefficients.stop))
     part = [*(names.index(name) for name in last), *joints]
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
-    rest = change.estimate.copy()
-    rest[part] = 0.0
-    fit = Information(
-        tuple(names[i] for i in part), change.estimate[part], change.R[:, part], change.R @ rest
-    ).refined()
-    rest[part] = change.estimate[part] - fit.estimate
-    left = change.R @ rest
-    free = max(change.rank - fit.rank, 1)
-    noise = np.sqrt(max(float(left @ left) / free, 1.0))  # in parts of that of the torques
-    load = replace(fit, R=fit.R / noise, c=(change.c + left) / noise)
+    load, rest = _explained(change, part)
+    _, rest_without_load = _explained(change, joints)
     value, gradient = of_load(robot, load.estimate[:PER_BODY])
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
-    return PayloadEstimate.of(value, deviation)
+    share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
+    return PayloadEstimate.of(value, deviation, share)
 
 
 def payload_of_uncertain_arm(
@@ -158,7 +158,20 @@ def payload_of_uncertain_arm(
     likeliest = ArmPrior.likeliest(robot, dynamics, found)
     value, known = payload_estimate(controller, found, likeliest).numbers
     own, _ = plain.numbers
-    return PayloadEstimate.of(own, np.hypot(known, value - own))
+    return PayloadEstimate.of(own, np.hypot(known, value - own), plain.explained)
+
+
+def _explained(change: Information, part: list[int]) -> tuple[Information, float]:
+    """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
+    rest = change.estimate.copy()
+    rest[part] = 0.0
+    names = tuple(change.names[i] for i in part)
+    fit = Information(names, change.estimate[part], change.R[:, part], change.R @ rest).refined()
+    rest[part] = change.estimate[part] - fit.estimate
+    left = change.R @ rest
+    squared = float(left @ left)
+    noise = np.sqrt(max(squared / max(change.rank - fit.rank, 1), 1.0))  # in parts of that
+    return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
 def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

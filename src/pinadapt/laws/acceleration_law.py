@@ -65,14 +65,7 @@ class AccelerationLaw(TaskFeedback):
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
-        return {
-            "Kv": 2.0 * w,
-            "Kp": w * w,
-            "alpha": w / 4.0,
-            "R_k": 1.0,
-            "lambda_": w / 2.0,
-            "lambda_a": 1.0 / (3.0 * w),
-        }
+        return {**super().default_gains(motion, dt, w), "lambda_a": 1.0 / (3.0 * w)}
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi = J M_hat^-1 Y (m, p_d) at each state."""
@@ -82,6 +75,25 @@ class AccelerationLaw(TaskFeedback):
         """Return the feedback of the task error, the same at all states."""
         one = np.eye(len(self.K_v))
         return [Feedback(self.K_P, self.K_v, 0.0 * one, self.K_v - self.alpha * one)]
+
+    def _commanded_acceleration(
+        self, s: Signals, xd: np.ndarray, turning: Any, a_k_rate: np.ndarray
+    ) -> np.ndarray:
+        """Return v = J^+ (xdd_d - K_v (xd - xd_d) - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
+
+        dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt, where the estimate moves as well. psi is that of
+        the posture. For a pose v holds -``turning`` delta as well, delta = d(dx)/dt - (xd - xd_d).
+        """
+        Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + np.dot(turning, s.delta)
+        inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
+        q, w = s.v, 0.0
+        if not inverse.unique:
+            q, w = posture.coordinates(s.q), posture.frequency
+        kernels.commanded_acceleration(
+            s.xdd_d, self.K_v, xd, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
+            inverse.J, inverse.gram_inverse, s.v, q, posture.rows, w, missed, v,
+        )  # fmt: skip
+        return v
 
 
 class EstimatedVelocityLaw(AccelerationLaw):
@@ -95,39 +107,15 @@ class EstimatedVelocityLaw(AccelerationLaw):
     0 leaves dV/dt; see ``PoseTask``.
     """
 
-    def error(self, s: Signals) -> np.ndarray:
-        """Return e (m)."""
-        return s.dxd_hat + self.alpha * s.dx
-
-    def _commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
-
-        dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt: the estimate moves as well. psi is that of the
-        posture.
-        """
-        Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + self.alpha * s.delta
-        inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
-        q, w = s.v, 0.0
-        if not inverse.unique:
-            q = s.q if posture.plain else posture.coordinates(s.q)
-            w = posture.frequency
-        kernels.commanded_acceleration(
-            s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
-            inverse.J, inverse.gram_inverse, s.v, q, posture.rows, w, missed, v,
-        )  # fmt: skip
-        return v
-
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""
-        e, alpha = self.error(s), self.alpha
+        alpha = self.alpha
+        e = s.dxd_hat + alpha * s.dx
         return float(0.5 * e @ e + 0.5 * s.dx @ (self.K_PV @ s.dx) - 0.5 * alpha**2 * s.dx @ s.dx)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt; Wang and Xie print the bound with beta, this is the equality."""
-        prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
-        velocity = s.dxd_hat @ (self.K_v @ s.dxd_hat) - self.alpha * s.dxd_hat @ s.dxd_hat
-        position = self.alpha * s.dx @ (self.K_P @ s.dx)
-        return float(-velocity - position - prediction @ (self.R_k @ prediction))
+        return float(self.alpha * s.dxd_hat @ s.dxd_hat) - self._dissipated(s, truth)
 
 
 class ResolvedAcceleration(EstimatedVelocityLaw):
@@ -152,7 +140,7 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return M v + C qd + g, (8); nothing drives the estimates."""
-        v = self._commanded_acceleration(s, np.zeros(s.a_k.size))
+        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, np.zeros(s.a_k.size))
         torque = model.dynamics.torque(s.q, s.v, v)  # (8)
         return Command(torque, Drives.none(s.a_d.size, s.a_k.size))
 

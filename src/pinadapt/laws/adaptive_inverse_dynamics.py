@@ -44,7 +44,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
         e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        v = self._commanded_acceleration(s, a_k_rate)
+        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
@@ -109,10 +109,6 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         return np.asarray(solve_continuous_lyapunov(A.T, -self.Q))  # (31)
 
     @cached_property
-    def _B_T_P(self) -> np.ndarray:
-        return self.P[self.task.size :]  # B^T P, B = (0, I)
-
-    @cached_property
     def _turning(self) -> np.ndarray:
         m = self.task.size
         return np.linalg.solve(self.P[m:, m:], self.P[m:, :m])  # P_22^-1 P_12^T
@@ -122,19 +118,12 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (25), with the drives of both estimates, (29) and (30)."""
-        xi, m_p = self._xi(s), self.task.positions
-        dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
-        u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
-        if s.delta is not None:
-            u -= self._turning.dot(s.delta)
-        psi = self.posture.null_motion(s)[0]
-        if psi is not None:  # -w offset: from here on -2 w qd - w^2 offset
-            psi = self.posture.frequency * (psi - 2.0 * s.v)
-        # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
-        dynamics = model.dynamics
-        torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
-        # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29)
-        z, M_hat = self._B_T_P.dot(xi), dynamics.mass_matrix(s.q)
+        dynamics, m_p = model.dynamics, self.task.positions
+        v = self._commanded_acceleration(s, s.xd, self._turning, np.zeros(s.a_k.size))
+        # tau = M_hat v + C_hat qd + g_hat (25)
+        torque = dynamics.torque(s.q, s.v, v)
+        # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29), B = (0, I)
+        z, M_hat = self.P[s.dx.size :].dot(self._xi(s)), dynamics.mass_matrix(s.q)
         dynamic = model.acceleration_drive(M_hat, s.J, z, dynamics.regressor(s.q, s.v, s.a))
         # g_k = -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
         Y_bar, residual = model.kinematics.acceleration_regressor(s.a), (s.xd_hat - s.xd)[:m_p]
@@ -204,7 +193,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
         e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        v = self._commanded_acceleration(s, a_k_rate)
+        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
         dynamics = model.dynamics
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy import empty
@@ -87,16 +86,9 @@ class AdaptiveJacobian(TaskFeedback):
         return MotionFilters(velocity, velocity)
 
     @classmethod
-    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
-        """Return the default gains, as the class states them."""
-        felt = felt_by_task(motion, dt)
-        return {
-            "Kv": 2.0 * w * felt,
-            "Kp": w * w * felt,
-            "alpha": w / 4.0,
-            "R_k": 1.0,
-            "lambda_": w / 2.0,
-        }
+    def felt(cls, motion: TypicalMotion, dt: float) -> float | np.ndarray:
+        """Return the mass or inertia felt by the task rows at home, a number or (m)."""
+        return felt_by_task(motion, dt)
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
@@ -122,7 +114,7 @@ class AdaptiveJacobian(TaskFeedback):
         Y_r, feedforward = model.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         torque = feedforward - (self.K_v.dot(s.xd_hat - s.xd_d) + self.K_P.dot(s.dx)).dot(s.J)
-        s.inverse.subtract_null_damping(self.posture.damping, error, torque)
+        torque -= s.inverse.null(self.posture.damping * s.inverse.null(error))
         return Command(torque, Drives(Drive(Y_r, error), kinematic))
 
     def storage(self, s: Signals, truth: Truth) -> float:
@@ -132,10 +124,7 @@ class AdaptiveJacobian(TaskFeedback):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
-        task = s.dxd_hat @ (self.K_v @ s.dxd_hat) + self.alpha * s.dx @ (self.K_P @ s.dx)
-        joints = self._joint_dissipation(s, truth)
-        return float(-task - prediction @ (self.R_k @ prediction) - joints)
+        return -self._dissipated(s, truth) - self._joint_dissipation(s, truth)
 
     def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
         """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""

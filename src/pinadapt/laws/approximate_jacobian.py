@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, vector
-from ..adaptation.adaptation import Adaptation, Drive, Drives
+from .._checks import definite_matrix
+from ..adaptation.adaptation import Adaptation, Drive, Drives, positive_numbers
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
 from ..exceptions import DivergedError, GainError
@@ -59,20 +59,22 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        object.__setattr__(self, "width", _positives(self.width, self.task.size, "width"))
-        if any(np.ptp(self.width[rows]) > 0.0 for rows in self._rotations):
+        object.__setattr__(self, "width", positive_numbers(self.width, "width", self.task.size))
+        if (self._together * self.width != (self._together * self.width).T).any():
             raise GainError("must be one number on the rotation rows.", where="width")
 
     @cached_property
-    def _rotations(self) -> list[slice]:
-        return [group.rows for group in self.task.groups if group.name == "rotation"]
+    def _together(self) -> np.ndarray:
+        """One where two rows (m, m) are of one rotation, or the same; else zero."""
+        shared = np.eye(self.task.size)
+        for group in self.task.groups:
+            if group.name == "rotation":
+                shared[group.rows, group.rows] = 1.0
+        return shared
 
     def _sizes(self, dx: np.ndarray) -> np.ndarray:
         """Return |dx_i| / w_i (m), on the rows of a rotation |phi| / w."""
-        sizes = np.abs(dx)
-        for rows in self._rotations:
-            sizes[rows] = np.linalg.norm(dx[rows])
-        return np.asarray(sizes / self.width)
+        return np.asarray(np.sqrt(self._together @ (dx * dx)) / self.width)
 
     def of(self, dx: np.ndarray) -> np.ndarray:
         """Return s (m) of an error dx (m) [m or rad]."""
@@ -80,10 +82,8 @@ class Saturation:
 
     def rate(self, dx: np.ndarray, dxd: np.ndarray) -> np.ndarray:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
-        u, radial = self._sizes(dx), dxd.copy()
-        for rows in self._rotations:
-            phi = dx[rows]
-            radial[rows] = phi @ dxd[rows] / max(phi @ phi, np.finfo(float).tiny) * phi
+        u, squares = self._sizes(dx), self._together @ (dx * dx)
+        radial = self._together @ (dx * dxd) / np.maximum(squares, np.finfo(float).tiny) * dx
         slope, ratio = 1.0 / np.cosh(np.minimum(u, 300.0)) ** 2, _ratio(u)
         return np.asarray(ratio * dxd + (slope - ratio) * radial)
 
@@ -91,9 +91,7 @@ class Saturation:
         """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in equal parts."""
         u = self._sizes(dx)
         S = self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0))
-        for rows in self._rotations:
-            S[rows] /= 3.0
-        return np.asarray(S)
+        return np.asarray(S / self._together.sum(axis=1))
 
 
 def _ratio(u: np.ndarray) -> np.ndarray:
@@ -378,7 +376,7 @@ class BoundedTorque(ApproximateJacobian):
         """
         super().__post_init__()
         for name in ("bound", "gravity"):
-            torques = _positives(getattr(self, name), self.kinematics.nv, name)
+            torques = positive_numbers(getattr(self, name), name, self.kinematics.nv)
             object.__setattr__(self, name, torques)
         if not (self.brake_limit > 0.0).all():
             i = int(np.argmin(self.brake_limit))
@@ -415,7 +413,7 @@ class BoundedTorque(ApproximateJacobian):
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
-        bound = _positives(bound, kinematics.nv, "bound")
+        bound = positive_numbers(bound, "bound", kinematics.nv)
         if gravity is None:
             gravity = np.maximum(asked, bound - 2.0 * spring)
             gravity = np.clip(gravity, _LEAST * bound, (1.0 - _LEAST) * bound)
@@ -446,21 +444,7 @@ class BoundedTorque(ApproximateJacobian):
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation with a projection that keeps gravity within its share."""
-        if not dynamics.size:
-            return adaptation
         return GravityProjection(adaptation, dynamics, self.gravity)
-
-
-def _positives(given: Any, size: int, name: str) -> np.ndarray:
-    """Return positive numbers (size) of as many, or of one.
-
-    Raises:
-        GainError: of another size, or not positive.
-    """
-    found = vector(given, size, name, error=GainError)
-    if not (found > 0.0).all():
-        raise GainError(f"must be positive, got {found.tolist()}.", where=name)
-    return found
 
 
 def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -474,9 +458,8 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
         return force
     linear, angular = jacobian_bounds(robot.model, robot.frame_id)
     if not np.isfinite(linear).all():
-        names = [kinematics.joint_names[i] for i in np.flatnonzero(~np.isfinite(linear))]
         raise GainError(
-            f"no torque bound of {names} exists: a slide beyond has no position limits.",
+            "does not exist: a slide beyond a revolute joint has no position limits.",
             where="bound",
             hint='State them in the description, or take the law "approximate-jacobian".',
         )

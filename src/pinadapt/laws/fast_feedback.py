@@ -8,7 +8,7 @@ from typing import Any, ClassVar, get_origin, get_type_hints
 
 import numpy as np
 
-from .._checks import instance, numbers
+from .._checks import instance, joint_numbers
 from ..exceptions import GainError, InputError, MeasurementError, RobotError
 from ..filters import Filters
 from ..models.typical_motion import TypicalMotion, joint_inertia
@@ -69,9 +69,7 @@ class FastFeedback(Law):
         """Check the gain; state of itself what the law states."""
         instance(self.law, Law | str, "law")
         if self.gain is not None:
-            gain = numbers(self.gain, "gain", error=GainError)
-            if gain.ndim > 1 or not (gain > 0.0).all():
-                raise GainError("expected positive numbers, one or one per joint.", where="gain")
+            gain = joint_numbers(self.gain, "gain", zero=False, error=GainError)
             object.__setattr__(self, "gain", gain)
         if isinstance(self.law, Law):
             for name in _STATED:
@@ -99,27 +97,19 @@ class FastFeedback(Law):
 
         Raises:
             GainError: a given one has another size.
-            InputError: no springs are declared, or encoders at the motors.
+            InputError: encoders at the motors, or neither springs nor a gain.
             RobotError: a motor without inertia.
         """
-        n = robot.model.nv
-        if actuators.elastic and actuators.encoders != "link":
+        elastic = actuators.elastic
+        if actuators.encoders != "link" if elastic else self.gain is None:
             raise InputError(
-                "fast feedback needs encoders at the links, and the motors' velocity besides.",
-                where="actuators.encoders",
-                hint='Declare Actuators(..., encoders="link"), or take the law alone.',
+                "fast feedback needs springs, encoders at the links, and the motors' velocity.",
+                where="limits.actuators",
+                hint='Declare Actuators(stiffness=..., encoders="link"), or give the gain of '
+                "springs that are not declared: FastFeedback(law, gain).",
             )
         if self.gain is not None:
-            if self.gain.size not in (1, n):
-                raise GainError(f"expected {n} numbers, got {self.gain.size}.", where="gain")
-            return np.broadcast_to(self.gain, n).astype(float)
-        if not actuators.elastic:
-            raise InputError(
-                "the gain of fast feedback follows from the springs, and none are declared.",
-                where="limits.actuators",
-                hint="Give it: FastFeedback(law, gain), or declare Actuators(stiffness=..., "
-                'encoders="link").',
-            )
+            return joint_numbers(self.gain, "gain", robot.model.nv, error=GainError)
         B, K = np.array(robot.model.armature), actuators.of(robot).stiffness
         if not (B > 0.0).all():
             raise RobotError(

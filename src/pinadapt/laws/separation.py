@@ -15,7 +15,6 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..exceptions import GainError
 from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
@@ -183,8 +182,6 @@ class Separation(Law):
         object.__setattr__(self, "K_v", K_D)
         lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
         object.__setattr__(self, "lambda_d", lambda_d)
-        if self.lag and self.dynamics is None:
-            raise GainError("a lag needs the mass matrix of a model.", where="dynamics")
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -272,20 +269,20 @@ class Separation(Law):
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         if self.speeds is not None:
             qd_r, qdd_r = s.inverse.keeping(self.speeds, qd_r, qdd_r, psi, psid, Jdot)
-        v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
+        v = s.v
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         qd = s.v + self.lead * qdd_r if self.lead else s.v  # the measured one is late by the lead
+        error = qd - qd_r
         if self.lag:
-            M_hat = model.dynamics.mass_matrix(s.q)
+            M_hat, torque = model.dynamics.mass_matrix(s.q), empty(error.size)
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, M_hat, 1.0 / self.lag, qd, qd_r, error, torque
+                feedforward, self.K_v, M_hat, 1.0 / self.lag, error, torque
             )
         else:
-            error = qd - qd_r
             torque = feedforward - self.K_v.dot(error)
         torque -= s.filtered.disturbance
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)

@@ -11,9 +11,10 @@ from numpy import empty
 
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive
+from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from ..tasks.task import Task
-from .law import KinematicLoop, Law
+from .law import KinematicLoop, Law, Truth
 from .posture import Posture
 
 
@@ -40,6 +41,23 @@ class TaskFeedback(Law):
     R_k: Any = 1.0
     lambda_: float = 10.0
 
+    @classmethod
+    def felt(cls, motion: TypicalMotion, dt: float) -> Any:
+        """Return the inertia that a force of the feedback accelerates, one for accelerations."""
+        return 1.0
+
+    @classmethod
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        m = cls.felt(motion, dt)
+        return {
+            "Kv": 2.0 * w * m,
+            "Kp": w * w * m,
+            "alpha": w / 4.0,
+            "R_k": 1.0,
+            "lambda_": w / 2.0,
+        }
+
     @cached_property
     def K_PV(self) -> np.ndarray:
         """K_P + alpha K_v (m, m)."""
@@ -58,6 +76,12 @@ class TaskFeedback(Law):
             e, error, residual, g_k,
         )  # fmt: skip
         return e, Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
+
+    def _dissipated(self, s: Signals, truth: Truth) -> float:
+        """Return dxd_hat^T K_v dxd_hat + alpha dx^T K_P dx + da_k^T W_k^T R_k W_k da_k."""
+        prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
+        task = s.dxd_hat @ (self.K_v @ s.dxd_hat) + self.alpha * s.dx @ (self.K_P @ s.dx)
+        return float(task + prediction @ (self.R_k @ prediction))
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling by K_P + alpha K_v on the positions."""

@@ -14,7 +14,7 @@ from .joint_effects import JointEffects as JointEffects
 from .linear_kinematics import FrameKinematics as FrameKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
-from .regressor import MomentumRegressor as MomentumRegressor
+from .regressor import Regressor as Regressor
 from .task_kinematics import ComKinematics as ComKinematics
 from .task_kinematics import JointKinematics as JointKinematics
 from .task_kinematics import TaskKinematics as TaskKinematics

@@ -8,111 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, name_list
+from .._checks import name_list
 from ..description.chain import is_physical
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertial_model import InertialModel, VirtualChains
 from .regressor import (
     LABELS,
     PER_BODY,
     UNITS,
-    Momentum,
-    Regressor,
     inertial_parameters,
-    random_states,
 )
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
-
-
-class InertialDynamics(Dynamics):
-    """Dynamics in parameters a_d with pi = B a_d + a known part, pi (10 n) ten a body.
-
-    Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
-    from its joint torque regressor.
-
-    Attributes:
-        B: (10 n, p); None: the identity.
-    """
-
-    def __init__(
-        self, robot: Robot, B: np.ndarray | None = None, known: np.ndarray | None = None
-    ) -> None:
-        """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
-        instance(robot, Robot, "robot", RobotError)
-        self._model: InertialModel | VirtualChains = InertialModel(robot.model)
-        self._regressor: Regressor | VirtualChains = Regressor(robot.model)
-        self._armature = np.array(robot.model.armature)
-        self._rotors = bool(self._armature.any())
-        self._pi = inertial_parameters(robot.model)
-        self.B, self._known = B, known
-        self.size = self._pi.size if B is None else B.shape[1]
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot's bodies; None if other torques differ too.
-
-        For columns of B of which each is one of the ten parameters of a body.
-        """
-        model = robot.in_base_axes.model
-        pi, ((q, v, a),) = inertial_parameters(model), random_states(model, 1)
-        a_d = pi if self.B is None else self.B.T.dot(pi)
-        tau = pin.rnea(model, model.createData(), q, v, a)
-        ours = self._regressor(q, v, a).dot(self._expand(a_d)) + self._armature * a
-        off = np.abs(tau - ours).max()
-        same = not robot.friction.present and off <= 1e-9 * (1.0 + np.abs(tau).max())
-        return a_d if same else None
-
-    def _expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n) of the parameters a_d (p)."""
-        pi = a_d if self.B is None else self.B.dot(a_d)
-        return pi if self._known is None else self._known + pi
-
-    def _reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
-        return Y if self.B is None else Y.dot(self.B)
-
-    def load(self, a_d: np.ndarray) -> None:
-        """Write the estimate a_d (p) into the private model."""
-        self._pi = pi = self._expand(a_d)
-        self._model.load(pi)
-
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) by RNEA."""
-        return self._model.torque(q, v, a)
-
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """Return M (n, n) by CRBA."""
-        return self._model.mass_matrix(q)
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return Y (n, p)."""
-        return self._reduce(self._regressor(q, v, a))
-
-    def slotine_li(
-        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_r (n, p) and the torque M a_r + C v_r + g (n), with known bodies and rotors."""
-        Y = self._regressor.slotine_li(q, v, v_r, a_r)
-        tau = Y.dot(self._pi)
-        if self._rotors:
-            tau += self._armature * a_r
-        return self._reduce(Y), tau
-
-    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
-
-        See ``MomentumRegressor`` for the source.
-        """
-        Y_M, Y_0 = self._regressor.momentum(q, v)
-        p_0 = self._armature * v if self._rotors else np.zeros(v.size)
-        known, tau_0 = self._known, np.zeros(v.size)
-        if known is not None:
-            p_0, tau_0 = p_0 + Y_M.dot(known), Y_0.dot(known)
-        return Momentum(self._reduce(Y_M), self._reduce(Y_0), p_0, tau_0)
 
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
@@ -139,7 +49,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     )
 
 
-class BodyDynamics(InertialDynamics):
+class BodyDynamics(Dynamics):
     """Dynamics in the ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
@@ -154,7 +64,6 @@ class BodyDynamics(InertialDynamics):
         Raises:
             RobotError: unknown joint.
         """
-        instance(robot, Robot, "robot", RobotError)
         self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
@@ -216,7 +125,7 @@ UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of nat
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     """Return P (4, 4) of the ten parameters pi (10) of a body."""
-    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
+    return pin.PseudoInertia.FromDynamicParameters(pi).toMatrix()
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i

@@ -6,8 +6,8 @@ A camera sees the frame at y = (N phi(q)) / z with the depth z = D phi(q), in th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
 from .linear_kinematics import BOUND
 from .projected_kinematics import ProjectedKinematics
-from .translations import Translation
+from .translations import Words
 
 CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
@@ -36,7 +36,7 @@ class CameraKinematics(ProjectedKinematics):
     task: ImageTask
     affine = False
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
@@ -59,11 +59,10 @@ class CameraKinematics(ProjectedKinematics):
         first = np.unique(self._camera, return_index=True)[1]
         return np.concatenate([(above / depth).ravel(), (below / depth)[first, :-1].ravel()])
 
-    def _described(self, robot: Robot) -> np.ndarray | None:
+    def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the cameras of a robot, as ``Robot.filmed_by`` gives."""
-        if not isinstance(robot.task, ImageTask):
-            return None
-        return self.parameters(robot.task, self.nominal + self.displacement(robot.model))
+        task: Any = robot.task
+        return self.parameters(task, self.nominal + self.displacement(robot.model))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""

@@ -156,8 +156,7 @@ class DelayCompensator:
             frame = self._frame(taken, q_c, x, kinematics, frame)
         elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
-        X_a = frame.X_k.dot(kinematics.a_k)
-        smooth = X_a if frame.X_smooth is frame.X_k else frame.X_smooth.dot(kinematics.a_k)
+        X_a, smooth = frame.X_k.dot(kinematics.a_k), frame.X_smooth.dot(kinematics.a_k)
         x = kinematics.task.carried(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
         return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
 
@@ -194,4 +193,4 @@ def _at(
     if t <= t_0 + ROUNDING or t_1 == t_0:
         return history, q_0
     share = (t - t_0) / (t_1 - t_0)
-    return history, np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))
+    return history, pin.interpolate(kinematics.robot.model, q_0, q_1, share)

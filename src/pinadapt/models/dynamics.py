@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,14 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import InputError, ParameterError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
+from .inertial_model import InertialModel, VirtualChains
 from .joint_effects import JointEffects, without_joint_effects
-from .regressor import Momentum
+from .regressor import Momentum, inertial_parameters, random_states
 from .translations import Translation, place
 
 
-class Dynamics(ABC):
+class Dynamics:
     """The estimated dynamics of a chain of n joints with p unknown parameters a_d.
 
     The torque is affine in the parameters: M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
@@ -25,10 +25,15 @@ class Dynamics(ABC):
     rotor inertias ``model.armature``. ``load`` sets the estimate at which torque and mass matrix
     are evaluated.
 
+    This is the block of the inertial parameters, with pi = B a_d + a known part, pi (10 n) ten
+    numbers a body. Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model,
+    the regressor from its joint torque regressor. ``StackedDynamics`` adds the joints.
+
     The parameters stand in two blocks: first ``inertial``, the parameters of bodies, then
     ``joints``, the coefficients of rotors and friction. The second block may be missing.
 
     Attributes:
+        B: (10 n, p); None: the identity.
         names: one name a parameter.
         size: p.
         initial: (p) the values of the nominal robot.
@@ -47,6 +52,16 @@ class Dynamics(ABC):
     per_body: bool = False
     translations: Sequence[Translation] = ()
     joints: JointEffects | None = None
+
+    def __init__(
+        self, robot: Robot, B: np.ndarray | None = None, known: np.ndarray | None = None
+    ) -> None:
+        """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
+        self._model: InertialModel | VirtualChains = InertialModel(robot.model)
+        self._armature = np.array(robot.model.armature)
+        self._pi = inertial_parameters(robot.model)
+        self.B, self._known = B, known
+        self.size = self._pi.size if B is None else B.shape[1]
 
     @property
     def inertial(self) -> Dynamics:
@@ -67,50 +82,68 @@ class Dynamics(ABC):
         """One unit a parameter, empty for combinations of parameters."""
         return ("",) * self.size
 
-    @abstractmethod
+    def _expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n) of the parameters a_d (p)."""
+        pi = a_d if self.B is None else self.B.dot(a_d)
+        return pi if self._known is None else self._known + pi
+
+    def _reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
+        return Y if self.B is None else Y.dot(self.B)
+
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate at which torque and mass matrix are evaluated."""
+        self._pi = pi = self._expand(a_d)
+        self._model.load(pi)
 
-    @abstractmethod
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N] at the loaded estimate, physical or not."""
+        return self._model.torque(q, v, a)
 
-    @abstractmethod
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n) at the loaded estimate, physical or not."""
+        return self._model.mass_matrix(q)
 
-    @abstractmethod
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p), (7)."""
+        return self._reduce(self._model(q, v, a))
 
-    @abstractmethod
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) of Slotine and Li, and M a_r + C(q, v) v_r + g (n) at the estimate.
 
-        C is the matrix of Christoffel symbols, for which dM/dt - 2 C is skew-symmetric.
+        C is the matrix of Christoffel symbols, for which dM/dt - 2 C is skew-symmetric. Known
+        bodies and rotors count.
         """
+        Y = self._model.slotine_li(q, v, v_r, a_r)
+        return self._reduce(Y), Y.dot(self._pi) + self._armature * a_r
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a remainder, both without acceleration.
 
         M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0. It does not depend on the loaded
-        estimate.
-
-        Raises:
-            InputError: the subclass does not implement it.
+        estimate. See ``Regressor`` for the source.
         """
-        raise InputError(
-            f"{type(self).__name__} does not implement momentum(), which the prediction error of "
-            "the torque needs.",
-            where="adaptation",
-            hint="Implement it, or use an adaptation without the prediction error of the torque.",
-        )
+        Y_M, Y_0 = self._model.momentum(q, v)
+        p_0, tau_0 = self._armature * v, np.zeros(v.size)
+        if self._known is not None:
+            p_0, tau_0 = p_0 + Y_M.dot(self._known), Y_0.dot(self._known)
+        return Momentum(self._reduce(Y_M), self._reduce(Y_0), p_0, tau_0)
 
-    @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
+        """Return the parameters (p) of a robot's bodies; None if other torques differ too.
+
+        For columns of B of which each is one of the ten parameters of a body.
+        """
+        model = robot.in_base_axes.model
+        pi, ((q, v, a),) = inertial_parameters(model), random_states(model, 1)
+        a_d = pi if self.B is None else self.B.T.dot(pi)
+        tau = pin.rnea(model, model.createData(), q, v, a)
+        ours = self._model(q, v, a).dot(self._expand(a_d)) + self._armature * a
+        off = np.abs(tau - ours).max()
+        same = not robot.friction.present and off <= 1e-9 * (1.0 + np.abs(tau).max())
+        return a_d if same else None
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the parameters (N, p) of N robots like a given one; None if one of them has none.
@@ -138,8 +171,6 @@ class Dynamics(ABC):
         Raises:
             ParameterError: the parameters do not determine bodies, or the bodies are not physical.
         """
-        if not self.size:
-            return nominal
         raise ParameterError(
             f"the {self.size} parameters are combinations, from which no bodies follow.",
             where="learned",
@@ -211,8 +242,6 @@ class StackedDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
-        if a_d.shape != (self.size,):
-            raise ParameterError(f"expected {self.size} numbers, got {a_d.shape}.", where="a_d")
         size = self._inertial.size
         self._values.put(self._places, a_d[size:])
         self._inertial.load(a_d[:size])
@@ -241,8 +270,15 @@ class StackedDynamics(Dynamics):
         return self.joints.added(self._values, q, v_r, a_r, 1.0, *bodies)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return momentum and rest of the torque; see ``JointEffects.momentum``."""
-        return self.joints.momentum(q, v, self._inertial.momentum(q, v))
+        """Return momentum and rest of the torque.
+
+        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
+        """
+        Y_M, Y_0, p_0, tau_0 = self._inertial.momentum(q, v)
+        joints, known, zero = self.joints, self.joints.known, self.joints.zero
+        Y_M, p_0 = joints.added(known, q, zero, v, 0.0, Y_M, p_0)
+        Y_0, tau_0 = joints.added(known, q, v, zero, 1.0, Y_0, tau_0)
+        return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""

@@ -110,7 +110,7 @@ class Excited:
         be, whatever the others are.
         """
         alone = np.sum(self.root**2, axis=1) * np.diag(self.squares)
-        return np.asarray(alone < TOLD_APART**2)
+        return alone < TOLD_APART**2
 
     @cached_property
     def alone(self) -> np.ndarray:
@@ -119,7 +119,7 @@ class Excited:
         More than three quarters of its variance are then in the identifiable combinations.
         """
         rest = self.root @ self._eigen[2][:, self.rank :]
-        return np.asarray(np.sum(rest**2, axis=1) < 0.25 * np.sum(self.root**2, axis=1))
+        return np.sum(rest**2, axis=1) < 0.25 * np.sum(self.root**2, axis=1)
 
     @cached_property
     def combinations(self) -> np.ndarray:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import name_list
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.several_frames import FramesTask
 from .linear_kinematics import FrameKinematics
@@ -33,52 +30,32 @@ class FramesKinematics(TaskKinematics):
         """Use a nominal robot with several task frames; ``unknown`` is empty or ["tool"].
 
         Raises:
-            RobotError: there are not several frames.
             ParameterError: other unknown translations: those of joints move several frames.
         """
-        if not isinstance(robot.task, FramesTask):
-            raise RobotError("expected a robot with several frames.", where="robot.task")
-        words = list(unknown) if not isinstance(unknown, str) else name_list(unknown, "unknown")
+        words = [unknown] if isinstance(unknown, str) else list(unknown)
         if words not in ([], [TOOL]):
             raise ParameterError(
                 f"with several frames their tools may be unknown, and {words} was given.",
                 where="unknown.translations",
                 hint='Take unknown "tool", or one frame at a time.',
             )
-        self.unknown = words
-        self.robot, self.task, self.frame = robot.undrawn(), robot.task, robot.frame
-        self.joint_names = robot.joint_names
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self._take(robot, robot.task, words)
         self._parts = [FrameKinematics(robot.of_frame(name), words) for name in robot.frames]
-        ends = np.cumsum([0, *(part.size for part in self._parts)]).tolist()
-        self._own = [slice(*both) for both in pairwise(ends)]
-        self.size, self.positions = ends[-1], self.task.positions
-        named = list(zip(robot.frames, self._parts, strict=True))
+        self.size = sum(part.size for part in self._parts)
+        named = zip(robot.frames, self._parts, strict=True)
         self.names = tuple(f"{frame}.{name}" for frame, part in named for name in part.names)
-        self.translations = [
-            replace(
-                each,
-                name=f"{frame}.{each.name}",
-                labels=tuple(f"{frame}.{label}" for label in each.labels),
-            )
-            for frame, part in named
-            for each in part.translations
-        ]
+        self.translations = [each for part in self._parts for each in part.translations]
         self.initial, self.sizes, self.bounds = (
             np.concatenate([getattr(part, name) for part in self._parts], axis=-1)
             for name in ("initial", "sizes", "bounds")
         )
-        self._still = np.zeros(self.nv)
         self.update(self.initial, robot.q0, self._still)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        if a_k.size != self.size:
-            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
-        parts = self._parts
-        for part, own in zip(parts, self._own, strict=True):
-            part.update(a_k[own], q, v)
-        self.a_k = a_k
+        self.a_k, parts = a_k, self._parts
+        for part, own in self._each(a_k):
+            part.update(own, q, v)
         self.J = self.task.joined([part.J for part in parts])
         self.xd_hat = self.task.joined([part.xd_hat for part in parts])
         self.Jdot_v = self.task.joined([part.Jdot_v for part in parts])
@@ -86,12 +63,17 @@ class FramesKinematics(TaskKinematics):
         self.X_k = self._blocks([part.X_k for part in parts])
         self.Y_k = self._blocks([part.Y_k for part in parts])
 
+    def _each(self, a_k: np.ndarray) -> Iterable[tuple[FrameKinematics, np.ndarray]]:
+        """Return the kinematics of each frame with its parameters among a_k (p)."""
+        return zip(self._parts, a_k.reshape(len(self._parts), -1), strict=True)
+
     def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return rows of all frames, given the columns that the parameters of each have."""
-        wide = [np.zeros((len(part), self.size)) for part in parts]
-        for rows, part, own in zip(wide, parts, self._own, strict=True):
-            rows[:, own] = part
-        return self.task.joined(wide)
+        k, (rows, p) = len(parts), parts[0].shape
+        wide = np.zeros((k, rows, k, p))
+        for i, part in enumerate(parts):
+            wide[i, :, i] = part
+        return self.task.joined(list(wide.reshape(k, rows, -1)))
 
     @property
     def x_hat(self) -> np.ndarray:
@@ -105,8 +87,7 @@ class FramesKinematics(TaskKinematics):
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate."""
-        pairs = zip(self._parts, self._own, strict=True)
-        return self.task.joined([part.jacobian_rate(a_k_rate[own]) for part, own in pairs])
+        return self.task.joined([part.jacobian_rate(own) for part, own in self._each(a_k_rate)])
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
@@ -120,14 +101,9 @@ class FramesKinematics(TaskKinematics):
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the tools of an estimate a_k (p) into a model of the robot."""
-        for part, own in zip(self._parts, self._own, strict=True):
-            part.write(model, a_k[own])
+        for part, own in self._each(a_k):
+            part.write(model, own)
 
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the tools (p) of a model of the robot."""
-        pairs = zip(self._parts, self._own, strict=True)
-        return np.concatenate([part.read(model, a_k[own]) for part, own in pairs])
-
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters."""
-        return sum(part.base(samples) for part in self._parts)
+        return np.concatenate([part.read(model, own) for part, own in self._each(a_k)])

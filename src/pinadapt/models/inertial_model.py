@@ -12,8 +12,8 @@ from .._kernels import models as kernels
 from .regressor import PER_BODY, Regressor, inertial_parameters
 
 
-class InertialModel:
-    """A private Pinocchio model whose ten parameters per body may be any numbers.
+class InertialModel(Regressor):
+    """A chain whose ten parameters per body may be any numbers: torque and mass matrix.
 
     RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot represent a body
     without mass, and CRBA cannot sum bodies to a mass that is not positive. For such parameters a
@@ -23,8 +23,8 @@ class InertialModel:
 
     def __init__(self, model: pin.Model, pi: np.ndarray | None = None) -> None:
         """Copy a chain's model, and load parameters pi (10 n), by default its own."""
-        self._model, self._ballast_model = model.copy(), model.copy()
-        self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
+        super().__init__(model)
+        self._ballast_model, self._ballast_data = model.copy(), model.createData()
         self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
         self._pi, self._written = inertial_parameters(model) if pi is None else pi, False
         self._tens = np.zeros(PER_BODY * model.nv)
@@ -74,17 +74,16 @@ class VirtualChains:
         self, models: Sequence[pin.Model], columns: Sequence[np.ndarray], armature: np.ndarray
     ) -> None:
         """Use chains without rotors, the columns of each that count, and the rotors (n)."""
-        self._regressors = [Regressor(model) for model in models]
-        self._models = [InertialModel(model) for model in models]
+        self._chains = [InertialModel(model) for model in models]
         self._columns, self._armature = columns, armature
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
         self._a_d, first = a_d, 0
-        for model, own in zip(self._models, self._columns, strict=True):
+        for chain, own in zip(self._chains, self._columns, strict=True):
             pi = np.zeros(PER_BODY * self._armature.size)
             pi[own] = a_d[first : first + own.size]
-            model.load(pi)
+            chain.load(pi)
             first += own.size
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -93,21 +92,21 @@ class VirtualChains:
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        return sum((model.mass_matrix(q) for model in self._models), np.diag(self._armature))
+        return sum((chain.mass_matrix(q) for chain in self._chains), np.diag(self._armature))
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, p)."""
-        return self._of_base([regressor(q, v, a) for regressor in self._regressors])
+        return self._of_base([chain(q, v, a) for chain in self._chains])
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> np.ndarray:
         """Return Y_r (n, p)."""
-        return self._of_base([each.slotine_li(q, v, v_r, a_r) for each in self._regressors])
+        return self._of_base([chain.slotine_li(q, v, v_r, a_r) for chain in self._chains])
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, p)."""
-        Y_M, Y_0 = zip(*(each.momentum(q, v) for each in self._regressors), strict=True)
+        Y_M, Y_0 = zip(*(chain.momentum(q, v) for chain in self._chains), strict=True)
         return self._of_base(Y_M), self._of_base(Y_0)
 
     def _of_base(self, parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -13,15 +13,14 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance, name_list
+from .._checks import name_list, word
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ParameterError, RobotError, did_you_mean
+from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .inertial_model import InertialModel
-from .regressor import Momentum
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
 _UNITS = {
@@ -50,19 +49,14 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
             one joint or shaft, as "elbow.offset".
 
     Raises:
-        ParameterError: another word; the message suggests the nearest one.
+        InputError: another word; the message suggests the nearest one.
     """
     chosen = name_list(unknown, "unknown.effects", ParameterError)
     if len(chosen) == 1:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
-    for word in chosen:
-        if word.rpartition(".")[2] not in KINDS:
-            raise ParameterError(
-                f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
-                f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
-                where="unknown.effects",
-            )
-    return tuple(sorted(chosen, key=lambda word: KINDS.index(word.rpartition(".")[2])))
+    for each in chosen:
+        word(each.rpartition(".")[2], KINDS, "unknown.effects")
+    return tuple(sorted(chosen, key=lambda each: KINDS.index(each.rpartition(".")[2])))
 
 
 class JointEffects:
@@ -95,9 +89,8 @@ class JointEffects:
         """Choose the unknown kinds, as ``chosen_kinds``.
 
         Raises:
-            ParameterError: as ``chosen_kinds``, or a joint that does not exist.
+            InputError: as ``chosen_kinds``, or a joint that does not exist.
         """
-        instance(robot, Robot, "robot", RobotError)
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
@@ -120,10 +113,6 @@ class JointEffects:
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = InertialModel(robot.model) if loaded else None
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self.known, q, v, a, 1.0, np.zeros((self._n, 0)), self.zero)[0]
 
     def added(
         self,
@@ -151,16 +140,6 @@ class JointEffects:
             values, *self.tables, v, a, self.loads(q), one, Y_b, tau_b, Y, tau
         )
         return Y, tau
-
-    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum) -> Momentum:
-        """Return momentum and rest of the joints, added to those of the bodies.
-
-        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
-        """
-        (Y_M, Y_0, p_0, tau_0), zero = bodies, self.zero
-        Y_M, p_0 = self.added(self.known, q, zero, v, 0.0, Y_M, p_0)
-        Y_0, tau_0 = self.added(self.known, q, v, zero, 1.0, Y_0, tau_0)
-        return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def loads(self, q: np.ndarray) -> np.ndarray:
         """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
@@ -197,7 +176,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     A free base has none.
 
     Raises:
-        ParameterError: a joint or shaft that does not exist, or has no such coefficient.
+        InputError: a joint or shaft that does not exist, or has no such coefficient.
     """
     every = {
         f"{names[shaft]}.{kind}": (number, shaft)
@@ -205,14 +184,8 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
         for shaft in range(len(names) if number < _OF_SHAFTS else n)
         if names[shaft] not in BASE_JOINTS
     }
-    for word in words:
-        if word not in KINDS and word not in every:
-            owner, _, kind = word.rpartition(".")
-            raise ParameterError(
-                f"there is no joint '{owner}' with a coefficient {kind}."
-                f"{did_you_mean(word, every)}",
-                where="unknown.effects",
-            )
+    for each in words:
+        word(each, (*KINDS, *every), "unknown.effects")
     return [pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words]
 
 
@@ -237,18 +210,15 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction = robot.friction
-    joints = [robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])]
-    values = np.zeros((len(KINDS), robot.model.nv + len(friction.shafts)))
-    values[:, : robot.model.nv] = joints
-    for own, part in zip(values.T[robot.model.nv :], friction.shafts, strict=True):
-        own[:_OF_SHAFTS] = part.armature, part.viscous, part.coulomb
-    return values
+    friction, armature = robot.friction, robot.model.armature
+    joints = np.array([armature, *(getattr(friction, kind) for kind in KINDS[1:])])
+    shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
+    return np.column_stack([joints, *shafts])
 
 
 def without_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the same bodies, no rotors and no friction."""
-    return robot.changed(armature=0.0, friction=Friction.none(robot.model.nv))
+    return robot.changed(armature=0.0, friction=Friction())
 
 
 def typical_coefficients(robot: Robot) -> np.ndarray:

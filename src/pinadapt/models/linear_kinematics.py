@@ -19,7 +19,6 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -27,20 +26,20 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import ROUNDING, instance
+from .._checks import ROUNDING
 from .._kernels import models as kernels
 from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
-from .basis import base_parameters
 from .regressor import SAMPLES, live_array, random_states
 from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
     TOOL,
     Translation,
+    Words,
     placed_values,
     placement_of,
     unknown_translations,
@@ -220,22 +219,16 @@ class LinearKinematics(TaskKinematics):
 
     task: FrameTask
 
-    def _take(self, robot: Robot, columns: Columns) -> None:
-        """Take a nominal robot with the task of its frame, and its columns."""
-        self.robot, self.frame, self.joint_names = robot.undrawn(), robot.frame, robot.joint_names
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.task, self.columns = robot.frame_task, columns
-        self.positions, self._still = self.task.positions, np.zeros(self.nv)
-        self._of_pose = self.task.size > self.positions
-
-    def _observe(self, constants: np.ndarray, places: np.ndarray) -> None:
-        """Take a map whose entries are parameters, beside constants.
+    def _observe(self, columns: Columns, constants: np.ndarray, places: np.ndarray) -> None:
+        """Take the columns, and a map whose entries are parameters, beside constants.
 
         Args:
+            columns: of the nominal robot.
             constants: (2, m_p, 4 + 3 k) of N and D.
             places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
         """
         _, m, width = constants.shape
+        self.columns, self._of_pose = columns, self.task.size > m
         if self._of_pose:  # the rotation in N once more, for the angular velocity
             wider = (0, 0), (0, m), (0, 3)
             constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
@@ -249,8 +242,6 @@ class LinearKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        if a_k.size != self.size:
-            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
         y, self.J, self.xd_hat, self.Jdot_v, X, self.Y_k = self._now.update(a_k, q, v)
         self.a_k, self._v, self._y = a_k, v, y
         self.p_hat, self.X_k = (y[:3], X[:3]) if self._of_pose else (y, X)
@@ -312,36 +303,24 @@ class LinearKinematics(TaskKinematics):
         return found
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        chain, (Phi, Phid) = self._now, self._now.motion
-        found = self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
-        if not self.affine:  # what the rate of y adds
-            rate = Phid[:, -1]
-            found += self._regressor(rate, 2.0 * self.xd_hat, chain)
-            found -= self._regressor(rate, 0.0 * self._y, chain)
-        return found
+        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part.
 
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
-        return base_parameters(self, self.robot, samples=samples).size
-
-    @abstractmethod
-    def _described(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot, exact where other placements are the same.
-
-        None if it has no such sensor.
+        No law for pictures, whose acceleration is not affine in a_k, asks for it.
         """
+        chain, (Phi, Phid) = self._now, self._now.motion
+        return self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
+
+    def _described(self, robot: Robot) -> np.ndarray:
+        """Return the parameters (p) of a robot, exact where other placements are the same."""
+        return self.read(robot.model, self.initial)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain.
 
-        None if no parameters give that robot's coordinates, because other placements differ, or if
-        it has no such sensor. A constant rotation between the frame and the marker that a tracker
-        sees has no effect.
+        None if no parameters give that robot's coordinates, because other placements differ. A
+        constant rotation between the frame and the marker that a tracker sees has no effect.
         """
         m, start = self.positions, self._described(robot)
-        if start is None:
-            return None
         rows, off = [], []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(start, q, self._still)
@@ -387,7 +366,7 @@ class FrameKinematics(LinearKinematics):
     For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations.
     """
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         ``unknown="geometry"`` chooses every placement, as ``columns_of_geometry``.
@@ -396,8 +375,8 @@ class FrameKinematics(LinearKinematics):
             ParameterError, RobotError: as ``unknown_translations``, or the geometry with a task
                 that is not one of positions alone.
         """
-        task = instance(robot, Robot, "robot", RobotError).frame_task
-        whole, self.unknown = isinstance(unknown, str) and unknown == GEOMETRY, unknown
+        task = robot.frame_task
+        whole = isinstance(unknown, str) and unknown == GEOMETRY
         if whole and not isinstance(task, PositionTask):
             raise ParameterError(
                 f"the geometry is learned from positions only, and the task is '{task.name}'.",
@@ -410,7 +389,7 @@ class FrameKinematics(LinearKinematics):
             if whole
             else columns_of_translations(robot, self.translations)
         )
-        self._take(robot, columns)
+        self._take(robot, task, unknown)
         self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
         constants = np.zeros((2, self.positions, 4 + 3 * self.size))
@@ -419,17 +398,13 @@ class FrameKinematics(LinearKinematics):
             own = slice(3 + row, -1, 3)
             constants[0, i, row], constants[0, i, own] = 1.0, -self.initial
             places[0, i, own] = np.arange(self.size)
-        self._observe(constants, places)
+        self._observe(columns, constants, places)
         self.update(self.initial, robot.q0, self._still)
 
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
-
-    def _described(self, robot: Robot) -> np.ndarray:
-        """Return the parameters (p) of the placements of a robot."""
-        return self.read(robot.model, self.initial)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the placements of an estimate a_k (p) into a model of the chain."""

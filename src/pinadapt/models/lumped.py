@@ -14,19 +14,17 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance
-from ..exceptions import ParameterError, RobotError
+from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .basis import TorqueFit, independent_columns
-from .bodies import InertialDynamics
+from .basis import FittedDynamics, independent_columns
 from .inertial_model import VirtualChains
-from .regressor import LABELS, PER_BODY, Regressor, random_states
-from .translations import LENGTHS, Translation, place, unknown_translations
+from .regressor import LABELS, PER_BODY, Regressor, State, random_states
+from .translations import LENGTHS, Translation, Words, place, unknown_translations
 
 
 def lumped_base(
     robot: Robot, translations: Sequence[Translation]
-) -> tuple[list[pin.Model], list[np.ndarray], TorqueFit]:
+) -> tuple[list[pin.Model], list[np.ndarray], list[State], np.ndarray]:
     """Return the base of a chain's dynamics for unknown translations.
 
     Of each random node it has the columns outside the span of the nodes before. The search ends
@@ -35,7 +33,7 @@ def lumped_base(
 
     Returns:
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
-        that belong to the base; and the parameters of any chain with these joints.
+        that belong to the base; N states and the base there (N n, p).
     """
     model, rng = robot.model, np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
@@ -54,10 +52,10 @@ def lumped_base(
             models.append(node)
             columns.append(own)
             base = both[:, chosen]
-    return models, columns, TorqueFit(states, base, np.array(model.armature))
+    return models, columns, states, base
 
 
-class LumpedDynamics(InertialDynamics):
+class LumpedDynamics(FittedDynamics):
     """Dynamics in products of lengths and inertial parameters, for unknown lengths of any chain.
 
     The parameters generalise a_2 = m_2 l_1 l_c2 of Wang and Xie (2009), section 5. The inertias of
@@ -68,14 +66,13 @@ class LumpedDynamics(InertialDynamics):
         translations: the unknown joint translations; the tool's has no effect on the dynamics.
     """
 
-    def __init__(self, robot: Robot, lengths: str | Sequence[str | Translation] = LENGTHS) -> None:
+    def __init__(self, robot: Robot, lengths: Words = LENGTHS) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
             ParameterError: no joint translation is unknown.
             RobotError: unknown joint.
         """
-        instance(robot, Robot, "robot", RobotError)
         parts = unknown_translations(robot, lengths)
         self.translations = [part for part in parts if part.joint is not None]
         if not self.translations:
@@ -85,10 +82,11 @@ class LumpedDynamics(InertialDynamics):
                 hint="Use BodyDynamics.",
             )
         super().__init__(robot)
-        models, columns, self._fit = lumped_base(robot, self.translations)
-        initial = self._fit.parameters(robot)
+        models, columns, states, base = lumped_base(robot, self.translations)
+        self._fit(states, base)
+        initial = self.value(robot)
         assert initial is not None  # the nominal translations are along their directions
-        self._model = self._regressor = VirtualChains(models, columns, self._armature)
+        self._model = VirtualChains(models, columns, self._armature)
         self.names = tuple(
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, own in enumerate(columns, 1)
@@ -96,7 +94,3 @@ class LumpedDynamics(InertialDynamics):
         )
         self.bodies, self.size, self.initial = range(robot.model.nv), len(initial), initial
         self.load(initial)
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot; None if more than lengths and inertias differ."""
-        return self._fit.parameters(robot)

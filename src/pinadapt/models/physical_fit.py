@@ -31,7 +31,6 @@ from .dynamics import Dynamics
 from .regressor import PER_BODY
 
 _FALL = 3.0  # of gamma, from one value to the next
-_FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
 
 
@@ -75,7 +74,7 @@ class PhysicalSet:
     def signed(self, a: np.ndarray) -> np.ndarray:
         """Return (x - x_0) / scale of the coefficients that may be negative."""
         first = a.size - self.scales.size
-        return np.asarray((a[first:] - self.center[first:]) / self.scales)
+        return (a[first:] - self.center[first:]) / self.scales
 
     def divergence(self, a: np.ndarray) -> float:
         """Return the sum of w D from the centre to a (p); infinite outside the set."""
@@ -177,9 +176,7 @@ def nearest_with(
     """Return physical parameters x (p) close to the centre with |rows (x - a)| <= tolerance.
 
     They minimise |rows (x - a)|^2 / 2 + gamma D(x), with the first gamma, falling in steps of ten,
-    that keeps the tolerance: directions that the rows weigh little stay at the centre. As x is a
-    minimiser, parameters y within the tolerance have gamma D(y) >= |rows (x - a)|^2 / 2 -
-    tolerance^2 / 2 + gamma D(x); where that D(y) is a million, there are none.
+    that keeps the tolerance: directions that the rows weigh little stay at the centre.
 
     Args:
         rows: (k, p) with k <= p.
@@ -193,11 +190,8 @@ def nearest_with(
     x, target = physical.center, rows @ a
     scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
     for weight in scale * 0.1 ** np.arange(21):
-        left = float(np.linalg.norm(rows @ x - target))
-        if left <= tolerance:
+        if np.linalg.norm(rows @ x - target) <= tolerance:
             return x
-        if 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x) > _FARTHEST:
-            break
         x = _newton(rows, target, physical, x, 0.1 * weight)
     return None
 
@@ -216,7 +210,7 @@ def sums_of(W: np.ndarray, y: np.ndarray, R: np.ndarray | float = 1.0) -> np.nda
     y = a, with R = A.
     """
     rows = np.column_stack([W, y])
-    return np.asarray(rows.T.dot(R).dot(rows))
+    return rows.T.dot(R).dot(rows)
 
 
 def _newton(

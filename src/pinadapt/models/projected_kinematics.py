@@ -16,11 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._checks import instance
-from ..exceptions import RobotError
 from ..robot.robot import Robot
 from .linear_kinematics import OFF, LinearKinematics, columns_of_translations
-from .translations import Translation, unknown_translations
+from .translations import Words, unknown_translations
 
 
 class ProjectedKinematics(LinearKinematics):
@@ -36,14 +34,11 @@ class ProjectedKinematics(LinearKinematics):
 
     calibrated = False
 
-    def _project(
-        self, robot: Robot, unknown: str | Sequence[str | Translation], camera: Sequence[int]
-    ) -> None:
+    def _project(self, robot: Robot, unknown: Words, camera: Sequence[int]) -> None:
         """Take a nominal robot, its unknown translations, and the camera of each row, if any."""
-        instance(robot, Robot, "robot", RobotError)
-        self.translations, self.unknown = unknown_translations(robot, unknown), unknown
+        self._take(robot, robot.frame_task, unknown)
+        self.translations = unknown_translations(robot, unknown)
         columns = columns_of_translations(robot, self.translations)
-        self._take(robot, columns)
         self.nominal, self.translation_names = columns.initial, columns.names
         self._camera = np.array(camera, dtype=int)
         of = [f"{name}_{axis}" for name in ("base", *columns.names) for axis in "xyz"]
@@ -63,7 +58,7 @@ class ProjectedKinematics(LinearKinematics):
         if deep:
             below = self._split + np.arange(np.prod(self._below)).reshape(self._below)
             places[1, :, :-1] = below[self._camera]
-        self._observe(constants, places)
+        self._observe(columns, constants, places)
         self._now.update(np.zeros(self.size), robot.q0, self._still)
         self._home = self._now.motion[0, : len(of), -1].copy()
         for chain in (self._now, self._past):
@@ -105,4 +100,4 @@ def nearest_rotation(B: np.ndarray) -> np.ndarray:
     """Return the nearest rotation to B (3, 3), in which one row may be unknown and zero."""
     U, _, V = np.linalg.svd(B)
     U[:, -1] *= np.sign(np.linalg.det(U @ V))
-    return np.asarray(U @ V)
+    return U @ V

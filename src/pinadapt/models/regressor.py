@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
@@ -26,18 +25,50 @@ UNITS = "kg", "kg m", "kg m", "kg m", *("kg m^2" for label in LABELS if label.st
 class Regressor:
     """Y (n, 10 n) with M a + C v + g = Y pi, without rotor inertias and friction.
 
-    It depends on the placements of the joints in the model.
+    It depends on the placements of the joints in the model, which may be any tree, also with a
+    floating base: (n, 10 N) for N bodies then. Its two momentum regressors need no acceleration,
+    M a + C v + g = d/dt (Y_M pi) + Y_0 pi: Y_M pi = M v is the momentum and Y_0 pi = g - C^T v,
+    with dM/dt = C + C^T. Let H_i be the spatial momentum of all bodies that coordinate i moves, and
+    J_i its axis, both in world axes. The torque is J_i^T (dH_i/dt + weight), hence
+
+        (M v)_i = J_i^T H_i,        (C^T v)_i = (dJ_i/dt)^T H_i.
+
+    J and dJ/dt come from ``pin.computeJointJacobiansTimeVariation``; H is linear in pi. The result
+    is exact, without finite differences, and costs about one torque regressor.
+
+    The momentum form M a + C v + g = d/dt (M v) - C^T v + g is that of J.-J. Slotine, W. Li,
+    *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu,
+    M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
+    using joint accelerations*, ICRA 1987.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        """Copy a chain's model; its inertias are not used."""
-        self._model, self._weightless = model.copy(), model.copy()
+        """Copy a model; its inertias are not used."""
+        self._model = model.copy()
+        self._weightless = self._model.copy()
         self._weightless.gravity.linear = np.zeros(3)
-        self._data = self._model.createData()  # scratch for both
-        self._momentum = MomentumRegressor(model)
-        self._zero = np.zeros(model.nv)
-        self._many = model.nv > 1
-        self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
+        self._data, n = self._model.createData(), model.nv  # scratch for both
+        self._zero = np.zeros(n)
+        self._many = n > 1
+        self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
+        oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
+        moved = [
+            (body - 1, column)
+            for body in range(1, model.njoints)
+            for joint in list(model.supports[body])[1:]
+            for column in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+        ]
+        bodies, columns = np.array(moved, dtype=np.int64).T.copy()
+        self._chain = (
+            live_array([placement.rotation for placement in oMi]),
+            live_array([placement.translation for placement in oMi]),
+            live_array([motion.vector for motion in v]),
+            self._data.J.reshape(6, n),
+            self._data.dJ.reshape(6, n),
+            bodies,
+            columns,
+            np.array(model.gravity.linear),
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -66,8 +97,11 @@ class Regressor:
         return Y
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
-        return self._momentum(q, v)
+        """Return Y_M and Y_0 (n, 10 n)."""
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        Y_M, Y_0 = empty(self._shape), empty(self._shape)
+        kernels.momentum_columns(*self._chain, Y_M, Y_0)
+        return Y_M, Y_0
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
@@ -98,65 +132,6 @@ class Momentum(NamedTuple):
     Y_0: np.ndarray
     p_0: np.ndarray
     tau_0: np.ndarray
-
-
-class MomentumRegressor:
-    """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, without acceleration.
-
-    pi stacks the ten parameters of the N moving bodies. Y_M pi = M v is the momentum and
-    Y_0 pi = g - C^T v, with dM/dt = C + C^T. Let H_i be the spatial momentum of all bodies that
-    coordinate i moves, and J_i its axis, both in world axes. The torque is
-    J_i^T (dH_i/dt + weight), hence
-
-        (M v)_i = J_i^T H_i,        (C^T v)_i = (dJ_i/dt)^T H_i.
-
-    J and dJ/dt come from ``pin.computeJointJacobiansTimeVariation``; H is linear in pi. The result
-    is exact, without finite differences, and costs about one torque regressor. The model may be any
-    tree, also with a floating base; rotor inertias and friction are left out.
-
-    The momentum form M a + C v + g = d/dt (M v) - C^T v + g is that of J.-J. Slotine, W. Li,
-    *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu,
-    M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
-    using joint accelerations*, ICRA 1987.
-    """
-
-    def __init__(self, model: pin.Model) -> None:
-        """Copy a model; its inertias are not used.
-
-        Raises:
-            InputError: not a Pinocchio model.
-        """
-        self._model = instance(model, pin.Model, "model").copy()
-        self._data = self._model.createData()
-        oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
-        self._rotations = live_array([placement.rotation for placement in oMi])
-        self._origins = live_array([placement.translation for placement in oMi])
-        self._velocities = live_array([motion.vector for motion in v])
-        shape = (6, self._model.nv)
-        self._axes, self._axis_rates = self._data.J.reshape(shape), self._data.dJ.reshape(shape)
-        self._gravity = np.array(model.gravity.linear)
-        pairs = [
-            (body - 1, column)
-            for body in range(1, model.njoints)
-            for joint in list(model.supports[body])[1:]
-            for column in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
-        ]
-        self._bodies, self._columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
-        self._shape = (model.nv, PER_BODY * (model.njoints - 1))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return MomentumRegressor, (self._model,)
-
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
-        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        Y_M, Y_0 = empty(self._shape), empty(self._shape)
-        kernels.momentum_columns(
-            self._rotations, self._origins, self._velocities, self._axes, self._axis_rates,
-            self._bodies, self._columns, self._gravity, Y_M, Y_0,
-        )  # fmt: skip
-        return Y_M, Y_0
 
 
 def live_array(views: Sequence[np.ndarray]) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy import empty
@@ -10,6 +11,8 @@ from numpy import empty
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
 
+Moving: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""A vector or matrix, and its rate."""
 _NULL, _WHOLE = (0.45, 0.55), (1.0, 1.06)  # of the speeds: from where on, and at most
 
 
@@ -44,16 +47,11 @@ class RightInverse:
         unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
-    __slots__ = (
-        *("J", "_A_rate", "_damped", "_levels", "_rows", "_rows_rate"),
-        *("conditioning", "damping", "gram_inverse", "size", "unique"),
-    )
-
     def __init__(
         self,
         J: np.ndarray,
         threshold: float = 0.0,
-        constraints: tuple[np.ndarray, np.ndarray] | None = None,
+        constraints: Moving | None = None,
         levels: np.ndarray | None = None,
     ) -> None:
         """Invert the Jacobian (m, n); ``threshold`` is s_0, zero for no damping.
@@ -106,7 +104,7 @@ class RightInverse:
         ud: np.ndarray,
         psid: np.ndarray | None,
         Jdot: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return r = ``solve(u, psi)`` and dr/dt (n), where u, psi and J change at ud, psid, Jdot.
 
         With y = (J J^T + diag mu^2)^-1 (u - J psi), so that r = psi + J^T y,
@@ -132,7 +130,7 @@ class RightInverse:
         psi: np.ndarray | None,
         psid: np.ndarray | None,
         Jdot: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return r and dr/dt (n) of ``solve_with_rate``, shortened smoothly to speeds (n).
 
         First the null motion (I - J^+ J) psi, which the damping near a singularity lets reach the
@@ -155,11 +153,6 @@ class RightInverse:
         if self.unique:
             return np.zeros(z.size)
         return z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
-
-    def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
-        """Subtract N diag(D) N z (n) from a torque (n) in place, N = I - J^+ J; float arrays."""
-        if not self.unique:
-            torque -= self.null(D * self.null(z))
 
     def _damping_rate(self, Jdot: np.ndarray) -> np.ndarray:
         """Return d(mu^2)/dt (m).
@@ -194,7 +187,7 @@ class RightInverse:
 
 def bound_smoothly(
     limits: np.ndarray, knee: float, most: float, x: np.ndarray, rate: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Moving:
     """Return x (n), shortened so that |x_i| < most limits_i, and its rate (n) changed with it.
 
     Both are as given up to r = knee, r the norm of x / limits with the eighth power, which is

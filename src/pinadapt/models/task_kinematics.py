@@ -15,7 +15,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import ComTask
 from ..tasks.task import JointTask, Task
 from .right_inverse import RightInverse
-from .translations import Translation
+from .translations import Translation, Words
 
 
 class TaskKinematics(ABC):
@@ -23,7 +23,8 @@ class TaskKinematics(ABC):
 
     ``update`` evaluates everything at an estimate and a state, and replaces the attributes by new
     arrays; the methods refer to the last update. m: task coordinates, m_p: positions among them.
-    All is in world axes, linear before angular.
+    All is in world axes, linear before angular. Where subclasses say nothing else, the coordinates
+    follow from q alone and there are no parameters.
 
     Attributes:
         robot: the nominal robot, without its geometry.
@@ -73,13 +74,21 @@ class TaskKinematics(ABC):
     Jdot_v: np.ndarray
     Y_k: np.ndarray
 
+    _rate: np.ndarray
     constraints: Constraints | None = None
-    unknown: str | Sequence[str | Translation] = ()
+    unknown: Words = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         arguments: tuple[Any, ...] = (self.robot, self.unknown)
         return type(self), arguments, {"constraints": self.constraints}
+
+    def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
+        """Take a nominal robot, its task, and the words that choose the unknown parameters."""
+        self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
+        self.joint_names, self.frame = robot.joint_names, robot.frame
+        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self.positions, self._still = task.positions, np.zeros(self.nv)
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the right inverse of J, under the constraints if there are any.
@@ -102,9 +111,9 @@ class TaskKinematics(ABC):
         return self.Y_k[: self.task.positions]
 
     @property
-    @abstractmethod
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
+        return self.at(self._q)[0]
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -115,7 +124,6 @@ class TaskKinematics(ABC):
         """Return the estimate (p) to start from at a measured q (nq) and x, if that is measured."""
         return self.initial
 
-    @abstractmethod
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
@@ -125,6 +133,8 @@ class TaskKinematics(ABC):
             q: (nq) configuration.
             seen: coordinates measured there, see ``explaining``; None: the estimated ones.
         """
+        robot = self.robot
+        return self.task.at(robot.model, self._data, robot.frame_id, q), self.X_k
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return the regressor (m_p, p) of the prediction error of measured coordinates x.
@@ -133,40 +143,31 @@ class TaskKinematics(ABC):
         """
         return self.X_k
 
-    @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) at rate a_k_rate (p) [m/s] of the estimate."""
+        return self._rate
 
-    @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27) at joint acceleration a (nv)."""
+        return self.Y_k
 
-    @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if none reproduce it."""
+        return self.initial
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""
         return self.robot
 
-    @abstractmethod
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:  # noqa: B027
         """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
 
-    @abstractmethod
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
+        return self.initial
 
-    @abstractmethod
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters."""
-
-
-class KnownKinematics(TaskKinematics):
-    """A task whose coordinates follow from q alone: no parameters."""
-
-    def _take(self, robot: Robot, task: Task, unknown: str | Sequence[str | Translation]) -> None:
-        """Take a nominal robot and its task; ``unknown`` must be empty.
+    def _know(self, robot: Robot, task: Task, unknown: Words) -> None:
+        """Take a nominal robot and a task without parameters; ``unknown`` must be empty.
 
         Raises:
             ParameterError: unknown translations, which have no effect on the task.
@@ -178,71 +179,35 @@ class KnownKinematics(TaskKinematics):
                 where="unknown.translations",
                 hint='Leave it out, or use a task of the frame, such as "xyz".',
             )
-        m = task.size
-        self.robot, self.task = robot.undrawn(), task
-        self.joint_names, self.frame = robot.joint_names, robot.frame
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.names, self.size, self.positions = (), 0, 0
-        self.initial = self.a_k = np.zeros(0)
-        self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
-        self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
-        self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
-
-    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return the empty Ybar_k (m, 0)."""
-        return self.Y_k
-
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
-        """Write nothing."""
-
-    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
-        """Return the empty parameters (0)."""
-        return self.initial
-
-    def value(self, robot: Robot) -> np.ndarray:
-        """Return the empty parameters (0), which fit every robot with this chain."""
-        return self.initial
-
-    def base(self, samples: int = 50) -> int:
-        """Return 0, the number of parameters."""
-        return 0
+        self._take(robot, task, unknown)
+        self._data, self._q = robot.model.createData(), robot.q0
+        self.names, self.size = (), 0
+        self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
+        self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
+        self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
 
 
-class ComKinematics(KnownKinematics):
+class ComKinematics(TaskKinematics):
     """Centre of mass of the robot as loaded, and orientation of its task frame."""
 
     task: ComTask
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Use a nominal robot with the task "com"; ``unknown`` must be empty.
 
         Raises:
             ParameterError: unknown translations, which have no effect on the task.
         """
-        self._take(robot, robot.task, unknown)
-        self._data = robot.model.createData()
-        self.update(self.initial, robot.q0, np.zeros(self.nv))
+        self._know(robot, robot.task, unknown)
+        self.update(self.initial, robot.q0, self._still)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
-        self.J, self._rate = self.task.jacobians(self._data, q, v)
-        self.xd_hat, self.Jdot_v, self._x = self.J.dot(v), self._rate.dot(v), self.at(q)[0]
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """Centre of mass [m] and quaternion xyzw (7)."""
-        return self._x
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return centre of mass and quaternion (7) at q (nq), and an empty X_k (0, 0)."""
-        return self.task.at(self.robot.model, self._data, self.task.frame, q), self.X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (6, nv) by the motion."""
-        return self._rate
+        self._q, (self.J, self._rate) = q, self.task.jacobians(self._data, q, v)
+        self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
 
 
-class JointKinematics(KnownKinematics):
+class JointKinematics(TaskKinematics):
     """x = q and J = I, of the joints with motors: no parameters, no singularities, no null space.
 
     With it a task-space law becomes the corresponding joint-space law.
@@ -250,37 +215,28 @@ class JointKinematics(KnownKinematics):
 
     task: JointTask
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Use a nominal robot with a joint task; ``unknown`` must be empty.
 
         Raises:
             ParameterError: unknown translations, which have no effect on a joint task.
         """
-        self._take(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
+        self._know(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
         self._dofs = list(self.task.dofs)
         self.J = np.eye(self.nv)[self._dofs]
-        self._no_rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
-        self._q, self.xd_hat = robot.q0, np.zeros(len(self.J))
+        self._rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
+        self.xd_hat = np.zeros(len(self.J))
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         self._q, self.xd_hat = q, v[self._dofs]
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the joint coordinates (m) [rad or m] at q (nq), and an empty X_k (0, 0)."""
+        return self.task.of(q), self.X_k
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the inverse of I, or that under the constraints."""
         if self.constraints is None:
             return self._inverse
         return super().inverse(q, v, threshold)
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """The joint coordinates (nv) [rad or m]."""
-        return self.task.of(self._q)
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
-        return self.task.of(q), self.X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return zero (nv, nv)."""
-        return self._no_rate

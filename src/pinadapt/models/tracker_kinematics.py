@@ -7,7 +7,6 @@ needs to remain a rotation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import pinocchio as pin
 from ..robot.robot import Robot
 from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
-from .translations import Translation
+from .translations import Words
 
 TRACKER = "tracker"
 _FARTHEST = 1e3  # [m] of the frame at home from the tracker
@@ -46,7 +45,7 @@ class TrackerKinematics(ProjectedKinematics):
     uncalibrated visual servoing.
     """
 
-    def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
+    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
@@ -132,7 +131,7 @@ class TrackerKinematics(ProjectedKinematics):
         What is not told is known to a radian and to the reach.
         """
         G = self.slopes(tracker)
-        return np.asarray(G @ np.linalg.inv(told + self._vague) @ G.T)
+        return G @ np.linalg.inv(told + self._vague) @ G.T
 
     def information(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
         """Return what a tracker with the information (6 + k, 6 + k) says of the parameters (p, p).
@@ -143,7 +142,7 @@ class TrackerKinematics(ProjectedKinematics):
         inexact = (_INEXACT * self.sizes.reshape(self._shape)) ** 2
         inexact[:, -1] = 0.0
         found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
-        return np.asarray(0.5 * (found + found.T))
+        return 0.5 * (found + found.T)
 
     def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the tracker of a robot, as ``Robot.seen_from`` gives."""

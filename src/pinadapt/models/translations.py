@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -42,6 +43,10 @@ class Translation:
         return len(self.labels)
 
 
+Words: TypeAlias = "str | Sequence[str | Translation]"
+"""One unknown translation or several, see ``unknown_translations``."""
+
+
 def placed_values(
     model: pin.Model, frame: int, translations: Sequence[Translation]
 ) -> list[np.ndarray]:
@@ -69,9 +74,7 @@ def place(
         first += part.size
 
 
-def unknown_translations(
-    robot: Robot, unknown: str | Sequence[str | Translation]
-) -> list[Translation]:
+def unknown_translations(robot: Robot, unknown: Words) -> list[Translation]:
     """Return the translations that a user's words name; Translation objects pass unchanged.
 
     Args:
@@ -81,25 +84,19 @@ def unknown_translations(
             "base" (the translation of the first joint: the base in the camera's frame).
 
     Raises:
-        ParameterError: a word twice, a translation without effect on the frame, or a length of
-            zero, which has no direction.
+        ParameterError: a translation without effect on the frame, or a length of zero, which has
+            no direction.
         RobotError: unknown joint.
     """
     words: list[str | Translation] = []
     for word in [unknown] if isinstance(unknown, str) else unknown:
         words += _all_lengths(robot) if word == LENGTHS else [word]
-    parts = [
+    return [
         _translation(robot, word)
         if isinstance(word, str)
         else instance(word, Translation, "unknown.translations", ParameterError)
         for word in words
     ]
-    names = [part.name for part in parts]
-    if len(set(names)) != len(names):
-        raise ParameterError(
-            f"a translation occurs twice in {names}.", where="unknown.translations"
-        )
-    return parts
 
 
 def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
@@ -121,12 +118,7 @@ def _translation(robot: Robot, word: str) -> Translation:
     """Return the translation that one word names; see ``unknown_translations``."""
     if word == BASE:
         return _whole(BASE, FIRST)
-    name, _, kind = word.partition(":")
-    if kind not in ("", "length"):
-        raise ParameterError(
-            f"expected a name, or a name with ':length', got '{word}'.",
-            where="unknown.translations",
-        )
+    name = word.removesuffix(":length")
     joint = (
         None
         if name == TOOL
@@ -138,7 +130,7 @@ def _translation(robot: Robot, word: str) -> Translation:
             where="unknown.translations",
             hint=f"Use '{BASE}' to adapt it from the measured position, with the law 'separation'.",
         )
-    if kind == "":
+    if name == word:
         return _whole(name, joint)
     nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
     length = np.linalg.norm(nominal)

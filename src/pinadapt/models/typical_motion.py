@@ -110,7 +110,7 @@ class TypicalMotion:
         P = self.free
         eigenvalues, vectors = np.linalg.eigh(P @ self.mass_matrices @ P + (np.eye(P.shape[1]) - P))
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
-        return np.asarray(scaled.swapaxes(1, 2) @ P)
+        return scaled.swapaxes(1, 2) @ P
 
     @property
     def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
@@ -157,4 +157,4 @@ def _mobility(robot: Robot) -> np.ndarray:
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
     J = J[robot.frame_task.rows]
-    return np.asarray(J @ np.linalg.solve(M, J.T))
+    return J @ np.linalg.solve(M, J.T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, vector
+from .._checks import vector
 from ..exceptions import RobotError
 from .robot import Robot
 
@@ -33,7 +33,7 @@ class BaseFromLegs:
         Raises:
             RobotError: it has fewer than three, or soles.
         """
-        contacts = instance(robot, Robot, "robot").contacts
+        contacts = robot.contacts
         if len(contacts) < 3 or any(contact.sole is not None for contact in contacts):
             raise RobotError("legs tell where a base is by three point feet.", where="contacts")
         self._model, self._data = robot.model, robot.model.createData()
@@ -66,8 +66,11 @@ class BaseFromLegs:
         feet = self._feet()
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED
         both = stands & self._stood
-        q[3] = self._yaw(feet[both, :2], self.footholds[both, :2])
-        turned = feet @ _about_z(q[3]).T
+        # the angle that turns the feet onto the footholds, about their middles
+        a, b = (at[both, :2] - at[both, :2].mean(axis=0) for at in (feet, self.footholds))
+        q[3] = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+        R = pin.rpy.rpyToMatrix(0.0, 0.0, q[3])
+        turned = feet @ R.T
         q[:3] = (self.footholds - turned)[both].mean(axis=0)
         landed = stands & ~self._stood
         self.footholds[landed, :2] = (turned + q[:3])[landed, :2]  # on level ground
@@ -76,16 +79,5 @@ class BaseFromLegs:
         rows = [pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in standing]
         A = np.concatenate(rows)
         v[:4] = np.linalg.lstsq(A[:, :4], -A @ v, rcond=None)[0]
-        v[:3] = _about_z(q[3]) @ v[:3]
+        v[:3] = R @ v[:3]
         return q, v
-
-    @staticmethod
-    def _yaw(feet: np.ndarray, footholds: np.ndarray) -> float:
-        """Return the angle that turns feet (c, 2) onto footholds (c, 2), about their middles."""
-        a, b = feet - feet.mean(axis=0), footholds - footholds.mean(axis=0)
-        return float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
-
-
-def _about_z(angle: float) -> np.ndarray:
-    """Return the rotation (3, 3) about z."""
-    return np.asarray(pin.rpy.rpyToMatrix(0.0, 0.0, angle))

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, joint_numbers, numbers, positive, shown, vector
-from ..exceptions import RobotError, did_you_mean
+from .._checks import instance, joint_numbers, numbers, positive, shown, vector, word
+from ..exceptions import RobotError
 
 
 @dataclass(frozen=True)
@@ -65,14 +64,10 @@ def by_frame(given: Any, frames: Sequence[str], where: str) -> dict[str, Any]:
     """Return what is given for each task frame; with one frame also given without its name.
 
     Raises:
-        RobotError: unknown frames, or several and no mapping from their names.
+        InputError: unknown frames, or several and no mapping from their names.
     """
     if isinstance(given, Mapping):
-        for name in given:
-            if name not in frames:
-                words = f"no task frame is '{name}'; they are {[*frames]}."
-                raise RobotError(words + did_you_mean(name, frames), where=where)
-        return dict(given)
+        return {word(name, frames, where): own for name, own in given.items()}
     if given is None or len(frames) == 1:
         return {} if given is None else {frames[0]: given}
     raise RobotError(
@@ -92,16 +87,11 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
         words: other values that this argument may have, for the message.
 
     Raises:
-        RobotError: unknown name; the closest one is suggested.
+        InputError: unknown name; the closest one is suggested.
     """
     names = [str(other) for other in model.names[1:]]
-    if name not in names:
-        also = f", or {list(words)}" if words else ""
-        guess = did_you_mean(name, [*words, *names])
-        raise RobotError(
-            f"there is no joint '{name}'; expected one of {names}{also}.{guess}", where=where
-        )
-    return names.index(name) + 1
+    allowed = names if name in words else [*names, *words]
+    return names.index(word(name, allowed, where)) + 1
 
 
 def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None:
@@ -185,7 +175,7 @@ class Shaft:
             raise RobotError(
                 f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"
             )
-        if not isinstance(self.sign, Real) or self.sign not in (1, -1):
+        if self.sign not in (1, -1):
             raise RobotError(f"must be 1 or -1, got {shown(self.sign)}.", where="shafts.sign")
 
     def of(self, model: pin.Model) -> Shaft:
@@ -333,11 +323,6 @@ class Friction:
         nv = self.viscous.size
         return np.array([part.direction(nv) for part in self.shafts]).reshape(-1, nv)
 
-    @classmethod
-    def none(cls, nv: int) -> Friction:
-        """Return zero friction at nv joints."""
-        return cls(np.zeros(nv), np.zeros(nv))
-
     def under(self, gravity: np.ndarray) -> Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
         coulomb = self.coulomb + self.gear_friction * np.abs(gravity)
@@ -361,4 +346,4 @@ class Friction:
         for d, part in zip(self.directions, self.shafts, strict=True):
             u = float(d @ v)
             tau = tau + d * (part.viscous * u + part.coulomb * np.tanh(u / part.threshold))
-        return np.asarray(tau)
+        return tau

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -30,44 +29,8 @@ Rows = tuple[np.ndarray, np.ndarray]
 """A (k, n) and its rate (k, n)."""
 
 
-class Constraint(ABC):
-    """Some rows of A; ``size`` of them."""
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of rows."""
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Names of its frames."""
-        return ()
-
-    def check(self, model: pin.Model) -> None:
-        """Refuse names that a model does not have.
-
-        Raises:
-            RobotError: there is no such frame or joint.
-        """
-        for name in self.frames:
-            frame_id(model, name)
-
-    @abstractmethod
-    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
-        """Return the rows, with Jacobians, their variation and frames in ``data``.
-
-        ``at`` are the indices of the constraint's frames.
-        """
-
-    @abstractmethod
-    def error(
-        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
-    ) -> np.ndarray:
-        """Return by how much each row is off at q (nq), NaN where any value will do."""
-
-
 @dataclass(frozen=True)
-class Contact(Constraint):
+class Contact:
     """A point foot or a sole that stands on the ground.
 
     Attributes:
@@ -97,10 +60,9 @@ class Contact(Constraint):
         """Three rows of a point, six of a sole."""
         return 3 if self.sole is None else 6
 
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """That of the contact."""
-        return (self.frame,)
+    def places(self, model: pin.Model) -> list[int]:
+        """Return the index of the frame."""
+        return [frame_id(model, self.frame)]
 
     def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows: the velocity of the frame, of a sole also its angular velocity."""
@@ -117,7 +79,7 @@ class Contact(Constraint):
 
 
 @dataclass(frozen=True)
-class Loop(Constraint):
+class Loop:
     """Two frames that move as one body: a linkage that is closed, or two arms with one object.
 
     Attributes:
@@ -158,34 +120,23 @@ class Loop(Constraint):
         """Number of rows."""
         return len(self.rows)
 
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Both."""
-        return self.frame_a, self.frame_b
+    def places(self, model: pin.Model) -> list[int]:
+        """Return the indices of both frames."""
+        return [frame_id(model, name) for name in (self.frame_a, self.frame_b)]
 
     def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows of the velocity of b's body at frame a, less that of frame a."""
         (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, frame) for frame in at)
+        a, b = (data.oMf[frame] for frame in at)
         v_a, v_b = (
-            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear for frame in at
+            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in at
         )
-        r, rd = pin.skew(-self.way(data, *at)), pin.skew(v_a - v_b)
+        r, rd = pin.skew(a.translation - b.translation), pin.skew(v_a.linear - v_b.linear)
         rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
         A_b[:3] -= r @ A_b[3:]
-        w = pin.getFrameVelocity(model, data, at[0], pin.LOCAL_WORLD_ALIGNED).angular
-        axes, rows = np.kron(np.eye(2), self.axes(data, at[0])), list(self.rows)
-        turned = np.kron(np.eye(2), pin.skew(w)) @ (A_b - A_a)
+        axes, rows = np.kron(np.eye(2), a.rotation.T), list(self.rows)
+        turned = np.kron(np.eye(2), pin.skew(v_a.angular)) @ (A_b - A_a)
         return (axes @ (A_b - A_a))[rows], (axes @ (rate_b - rate_a - turned))[rows]
-
-    @staticmethod
-    def way(data: pin.Data, a: int, b: int) -> np.ndarray:
-        """Return the way (3) from frame a to frame b, by their indices [m]."""
-        return np.asarray(data.oMf[b].translation - data.oMf[a].translation)
-
-    @staticmethod
-    def axes(data: pin.Data, a: int) -> np.ndarray:
-        """Return the matrix (3, 3) from world axes to those of a frame, by its index."""
-        return np.asarray(data.oMf[a].rotation.T)
 
     def error(
         self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
@@ -199,7 +150,7 @@ class Loop(Constraint):
 
 
 @dataclass(frozen=True)
-class Coupling(Constraint):
+class Coupling:
     """A joint that follows another one, q_j = ratio q_i + offset; it has no motor.
 
     Attributes:
@@ -214,40 +165,36 @@ class Coupling(Constraint):
     ratio: float = 1.0
     offset: float = 0.0
 
+    size = 1
+
     def __post_init__(self) -> None:
         """Refuse what is no number."""
         numbers([self.ratio, self.offset], "mimic", error=RobotError)
 
-    @property
-    def size(self) -> int:
-        """One row."""
-        return 1
-
-    def check(self, model: pin.Model) -> None:
-        """Refuse joints that the model does not have."""
-        for name in (self.joint, self.leader):
-            joint_id(model, name, "mimic")
-
-    def _dofs(self, model: pin.Model) -> list[int]:
+    def places(self, model: pin.Model) -> list[int]:
         """Return the places in v of the joint and of the one that it follows."""
-        joints = model.joints
-        return [joints[model.getJointId(name)].idx_v for name in (self.joint, self.leader)]
+        return [joint_id(model, name, "mimic") - 1 for name in (self.joint, self.leader)]
 
     def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return one constant row."""
         A = np.zeros((1, model.nv))
-        own, leader = self._dofs(model)
-        A[0, own], A[0, leader] = 1.0, -self.ratio
+        A[0, at] = 1.0, -self.ratio
         return A, np.zeros(A.shape)
 
     def error(
         self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
     ) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
-        own, other = angles_from_configuration(model, q)[self._dofs(model)]
+        own, other = angles_from_configuration(model, q)[at]
         return np.array([own - self.ratio * other - self.offset])
 
 
+Constraint: TypeAlias = Contact | Loop | Coupling
+"""Some rows of A: ``size`` of them, ``places`` of its frames in a model, or of its joints in v.
+
+``at`` returns the rows, with Jacobians, their variation and frames in ``data``; ``error`` by how
+much each row is off at q (nq), NaN where any value will do.
+"""
 Part = TypeVar("Part", Contact, Loop)
 
 
@@ -264,16 +211,12 @@ def parts_of(
         own: Any = {"frame": each} if isinstance(each, str) else each
         if isinstance(own, Mapping):
             try:
-                own = kind(**{name: _tuple(value) for name, value in own.items()})
+                lists = {name: tuple(x) for name, x in own.items() if isinstance(x, list)}
+                own = kind(**{**own, **lists})
             except TypeError as error:
                 raise RobotError(f"{error}.", where=where) from error
         found.append(instance(own, kind, where, RobotError))
     return tuple(found)
-
-
-def _tuple(value: Any) -> Any:
-    """Return a list of a file as a tuple."""
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _frame_rows(model: pin.Model, data: pin.Data, frame: int) -> Rows:
@@ -290,23 +233,22 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     Raises:
         RobotError: loops that do not close near q.
     """
+    if not parts:
+        return q
     constraints, still = Constraints(model, parts), np.zeros(model.nv)
-    for _ in range(_ITERATIONS if parts else 0):
+    for _ in range(_ITERATIONS):
         A, _ = constraints.at(q, still)
         placed = zip(parts, constraints.places, strict=True)
-        errors = [part.error(model, constraints.data, at, q) for part, at in placed]
-        rows = np.concatenate([np.isfinite(error) for error in errors])
-        off = np.concatenate(errors)[rows]
-        step = -np.linalg.pinv(A[rows], rcond=DEPENDENT) @ off
-        left = np.abs(A[rows] @ step).max(initial=0.0)  # of what the joints can change
+        off = np.concatenate([part.error(model, constraints.data, at, q) for part, at in placed])
+        A, off = A[np.isfinite(off)], off[np.isfinite(off)]
+        step = -np.linalg.pinv(A, rcond=DEPENDENT) @ off
+        left = np.abs(A @ step).max(initial=0.0)  # of what the joints can change
         if left < _CLOSED and np.abs(off).max(initial=0.0) < DEPENDENT:
             return q
         q = pin.integrate(model, q, step)
-    if parts:
-        raise RobotError(
-            "the loops do not close near the home pose.", where="loops", hint="Give a q0 nearer."
-        )
-    return q
+    raise RobotError(
+        "the loops do not close near the home pose.", where="loops", hint="Give a q0 nearer."
+    )
 
 
 def independent(
@@ -320,24 +262,23 @@ def independent(
     """
     if not any(isinstance(part, Loop) for part in parts):
         return tuple(parts)
+    from scipy.linalg import qr  # here, because few robots have loops
+
     A, _ = Constraints(model, parts).at(q, np.zeros(model.nv))
     loops = [isinstance(part, Loop) for part in parts]
     others = A[~np.repeat(loops, [part.size for part in parts])]
-    rest, taken = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others, set[int]()
-    least = DEPENDENT * np.linalg.norm(A, axis=1).max(initial=0.0)
-    while (sizes := np.linalg.norm(rest, axis=1)).max(initial=0.0) > least:
-        taken.add(row := int(sizes.argmax()))
-        unit = rest[row] / sizes[row]
-        rest = rest - np.outer(rest @ unit, unit)
+    rest = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others
+    R, order = qr(rest.T, mode="r", pivoting=True)
+    least = DEPENDENT * np.linalg.norm(A, axis=1).max()
+    taken = order[: len(R)][np.abs(np.diag(R)) > least]
     kept, first = list[Constraint](), 0
     for part in parts:
-        size = part.size
-        if isinstance(part, Loop):
-            rows = tuple(row for i, row in enumerate(part.rows, first) if i in taken)
-            kept += [replace(part, rows=rows)] if rows else []
-        else:
+        rows = [row for i, row in enumerate(range(part.size), first) if i in taken]
+        first += part.size
+        if not isinstance(part, Loop):
             kept.append(part)
-        first += size
+        elif rows:
+            kept.append(replace(part, rows=tuple(part.rows[row] for row in rows)))
     return tuple(kept)
 
 
@@ -355,12 +296,8 @@ class Constraints:
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
         self._none = np.zeros((0, model.nv))
         self._last = (np.full(model.nq, np.nan), np.zeros(model.nv)), (self._none, self._none)
-        self.places = [[frame_id(model, name) for name in part.frames] for part in self.parts]
-        self._feet = [
-            at[0]
-            for part, at in zip(self.parts, self.places, strict=True)
-            if isinstance(part, Contact)
-        ]
+        self.places = [part.places(model) for part in self.parts]
+        self._feet = [frame_id(model, part.frame) for part in parts if isinstance(part, Contact)]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -375,8 +312,8 @@ class Constraints:
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
         placed = zip(self.parts, self.places, strict=True)
-        found = [part.at(model, data, at) for part, at in placed]
-        A, A_rate = zip((self._none, self._none), *found, strict=True)
+        found = [(self._none, self._none), *(part.at(model, data, at) for part, at in placed)]
+        A, A_rate = zip(*found, strict=True)
         rows = np.concatenate(A), np.concatenate(A_rate)
         self._last = (q.copy(), v.copy()), rows
         return rows
@@ -433,7 +370,8 @@ class Constraints:
         rows, numbers, first = [np.zeros((0, size))], [], 0
         for part, frames in zip(self.parts, self.places, strict=True):
             if isinstance(part, Loop) and part.squeeze is not None:
-                way = part.axes(self.data, frames[0]) @ part.way(self.data, *frames)
+                a, b = (self.data.oMf[frame] for frame in frames)
+                way = a.actInv(b).translation
                 at = [first + part.rows.index(i) for i in range(3)]
                 rows.append(np.zeros((1, size)))
                 rows[-1][0, at] = way / np.linalg.norm(way)
@@ -454,15 +392,17 @@ class Constraints:
         """
         A, _ = self._last[1]
         rows, rate = np.zeros((2, len(A)))
-        x = np.array([self.data.oMf[foot].translation for foot in self._feet])
-        first, velocity = len(rows) - x.size, (A @ v)[len(rows) - x.size :].reshape(x.shape)
-        air = ~feet.stands
-        u, ud = (
-            feet.xd_d - alpha * (x - feet.x_d),
-            feet.xdd_d - alpha * (velocity - feet.xd_d),
-        )
-        rows[first:].reshape(x.shape)[air], rate[first:].reshape(x.shape)[air] = u[air], ud[air]
+        x, own = self._x(), slice(len(A) - 3 * len(self._feet), None)
+        u = feet.xd_d - alpha * (x - feet.x_d)
+        ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
+        still = feet.stands[:, None]
+        rows[own], rate[own] = np.where(still, 0.0, u).ravel(), np.where(still, 0.0, ud).ravel()
         return rows, rate
+
+    def _x(self) -> np.ndarray:
+        """Return where the contacts are (c, 3), of the last ``at``."""
+        places = [self.data.oMf[foot].translation for foot in self._feet]
+        return np.array(places).reshape(-1, 3)
 
     def footing(
         self, before: np.ndarray, stands: np.ndarray | None, dt: float
@@ -477,7 +417,7 @@ class Constraints:
             stands: (c) which contacts stand; None: all.
             dt: time since then [s].
         """
-        x = np.array([self.data.oMf[foot].translation for foot in self._feet]).reshape(-1, 3)
+        x = self._x()
         old = np.where(np.isnan(before), x, before) if len(before) else x
         if stands is not None:
             old = np.where(stands[:, None], old, np.nan)
@@ -488,4 +428,4 @@ class Constraints:
 
     def axes(self, contact: Contact) -> np.ndarray:
         """Return the axes (3, 3) of a contact in the world, of the last ``at``."""
-        return np.asarray(self.data.oMf[self.places[self.parts.index(contact)][0]].rotation)
+        return self.data.oMf[self.places[self.parts.index(contact)][0]].rotation

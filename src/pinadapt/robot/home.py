@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..description.chain import (
+    Bounds,
     angles_from_configuration,
     configuration_from_angles,
     position_bounds,
@@ -131,7 +132,7 @@ def find_home(
         found *= (plane.distances(model, ends[0], at) >= room) * np.minimum(
             1.0, _off_limits(limits, poses) / _FAR_OFF
         )
-        return np.asarray(poses[np.argmax(found)])
+        return poses[np.argmax(found)]
 
     samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     sampled = [configuration_from_angles(model, angles) for angles in samples]
@@ -170,7 +171,7 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 
-def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
+def _off_limits(limits: Bounds, angles: np.ndarray) -> np.ndarray:
     """Return the least distance of joint positions (..., nv) from a limit, relative to the range.
 
     It is infinite if no joint has limits.
@@ -178,4 +179,4 @@ def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np
     limited = np.isfinite(limits[0])
     (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
-    return np.asarray(np.min(nearest, axis=-1, initial=np.inf))
+    return np.min(nearest, axis=-1, initial=np.inf)

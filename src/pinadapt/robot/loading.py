@@ -24,6 +24,7 @@ from ..description.chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
+    is_independent,
     reduced,
 )
 from ..description.description import Description, Source, describe
@@ -31,7 +32,7 @@ from ..description.floating_base import BASE_JOINTS, with_base_joints
 from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
-from ..exceptions import RobotError, did_you_mean
+from ..exceptions import RobotError
 from ..tasks.frame import COM, IMAGE, TASKS, ComTask, FrameTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
@@ -72,7 +73,6 @@ def load(
     locked: str | Sequence[str] = (),
     q0: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
-    weld_root: bool | None = None,
     xacro: XacroArguments | None = None,
     mass: float | None = None,
     joint_effects: bool = False,
@@ -108,8 +108,6 @@ def load(
             conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
             configuration if it is inside the joint limits, else their middle.
         gravity: (3) [m/s^2] in world axes; default: that of the model.
-        weld_root: True fixes a floating base at the reference configuration, False refuses it;
-            default: True for files, False for objects. In the catalogue, bases are always fixed.
         xacro: arguments of a xacro file, name -> text, number or bool.
         mass: mass of the whole robot, its base included [kg]; bodies that are described without
             mass share what the other bodies leave, see ``missing_inertia``. Where a joint would
@@ -118,7 +116,8 @@ def load(
             By default friction is zero, as most descriptions contain placeholder values.
         pixel: of the task "image", the picture of the frame in a camera: about the length [m] that
             a pixel covers at the arm; a factor of five does not matter. See ``Robot.filmed_by``.
-        base: "fixed", or "free" for a robot that stands: q begins with the base's position, yaw,
+        base: "fixed", at the reference configuration if the description has a floating one, or
+            "free" for a robot that stands: q begins with the base's position, yaw,
             pitch and roll, which no motor moves. The task is then the pose of the root link, unless
             a frame is given.
         contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
@@ -129,15 +128,19 @@ def load(
             MJCF file has no actuator, if it has any.
 
     Raises:
-        RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
+        RobotError: missing file, bad XML, unknown frame or joint, mimic or
             unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
             few joints for the task or more than 100, wrong sizes or NaN; loops that do not close
             near the home pose, or constraints under which motors, or the rows of the task, cannot
             move independently there.
     """
     instance(frame, str | None, "frame", RobotError)
-    instance(task, str | None, "task", RobotError)
-    frame, *others = _distinct(frame, name_list(frames, "frames", RobotError))
+    if task is not None:
+        word(task, (*TASKS, IMAGE, JOINT), "task")
+    named: list[str | None] = [*name_list(frames, "frames", RobotError)]
+    if frame is not None and named:
+        raise RobotError("give one frame, or several, not both.", where="frames")
+    frame, *others = [*dict.fromkeys(named)] or [frame]
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',
@@ -154,15 +157,17 @@ def load(
             "centre of mass.",
             where="frames",
         )
-    if task == COM and not free:
+    if not free and (feet or task == COM):
         raise RobotError(
-            "only that of a free base is controlled.", where="task", hint='base="free".'
+            "contacts, and the task of the centre of mass, are for a free base.",
+            where="base",
+            hint='base="free".',
         )
-    if feet and not free:
-        raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
-    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
-    ends, whole = end_links(found.model, found.mimics), free or bool(closed)
-    whole = whole or (known is None and task == JOINT) or _hangs_in_loops(found, known)
+    ends, moving = end_links(found.model, found.mimics), list[int]()
+    if known is not None and found.closures:
+        moving = chain_joints(found.model, frame_id(found.model, known))
+    hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
+    whole = free or bool(closed) or hangs or (known is None and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
@@ -179,7 +184,6 @@ def load(
         task=found.task if task in (None, IMAGE) else task,
         locked=[*found.locked, *name_list(locked, "locked", RobotError)],
         q0=q0,
-        weld=weld or free or found.weld_root,
         free=free,
         constraints=closed + feet,
         passive=idle if whole else (),
@@ -195,27 +199,6 @@ def load(
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
-
-
-def _distinct(frame: str | None, frames: list[str]) -> list[str | None]:
-    """Return one frame or None, or several that differ.
-
-    Raises:
-        RobotError: both are given, or a frame is twice among several.
-    """
-    if frame is not None and frames:
-        raise RobotError("give one frame, or several, not both.", where="frames")
-    if twice := [name for name, count in Counter(frames).items() if count > 1]:
-        raise RobotError(f"'{twice[0]}' is given twice.", where="frames")
-    return [*frames] or [frame]
-
-
-def _hangs_in_loops(found: Description, frame: str | None) -> bool:
-    """Return whether a frame is moved by joints without a motor of a description with loops."""
-    if frame is None or not found.closures:
-        return False
-    moving = chain_joints(found.model, frame_id(found.model, frame))
-    return not {str(found.model.names[joint]) for joint in moving}.isdisjoint(found.passive)
 
 
 def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:
@@ -247,7 +230,6 @@ def _load_chain(
     task: str | None,
     locked: Sequence[str],
     q0: ArrayLike | None,
-    weld: bool,
     free: bool,
     constraints: tuple[Constraint, ...],
     passive: tuple[str, ...],
@@ -262,8 +244,8 @@ def _load_chain(
         task: its name, or None for the default.
         locked: joints to lock.
         q0: home pose, or None.
-        weld: whether a floating base is fixed or replaced by joints.
-        free: whether the base is; the whole tree is kept then, with a frame too.
+        free: whether the base is; the whole tree is kept then, with a frame too. If not, a
+            floating base is fixed.
         constraints: loops and contacts, with which the whole tree is kept.
         passive: joints without motors.
         others: task frames beside the first.
@@ -276,7 +258,7 @@ def _load_chain(
     if not whole:
         tips = [frame_id(described, str(name)) for name in (frame, *others)]
         chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
-    keep = [j for j in chain if j not in locks and not (weld and j in floating)]
+    keep = [j for j in chain if j not in locks and j not in floating]
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
         what = "anything" if frame is None else f"frame '{frame}'"
@@ -297,19 +279,16 @@ def _load_chain(
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    plane = MountingPlane()
-    if not (welded or found.weld_root or whole or others):
+    tip, plane = frame_id(model, frame), MountingPlane()
+    if not (floating or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
         follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
         constraints = *follow, *constraints
-    for part in constraints:
-        part.check(model)
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
-        chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
+        chosen, home = _task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
         tips = [*several.values()]
         chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
@@ -319,20 +298,26 @@ def _load_chain(
         chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
-    constraints = independent(model, consistent(model, home, constraints), constraints)
     home = consistent(model, home, constraints)
-    model = _regular(model, home, found.name)
+    constraints = independent(model, home, constraints)
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
+    at = [home, *(configuration_from_angles(model, sample) for sample in samples)]
+    try:
+        check_mass_matrix(model, at)
+    except RobotError:
+        model = with_solid_points(model, found.name)
+        check_mass_matrix(model, at)
     robot = Robot(
         found.name,
         model,
         frame,
         chosen,
         home,
-        Friction.none(model.nv),
+        Friction().of(model),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in (frame, *others)),
         locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
-        welded=welded and not free,
+        welded=bool(floating) and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
         constraints=constraints,
@@ -356,35 +341,19 @@ def _load_chain(
     return robot if q0 is None or constraints else robot.at(q0)
 
 
-def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
-    """Return a model, or one with balls for its point masses if its mass matrix is singular.
-
-    Raises:
-        RobotError: it is singular for other reasons.
-    """
-    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
-    at = [home, *(configuration_from_angles(model, sample) for sample in samples)]
-    try:
-        check_mass_matrix(model, at)
-    except RobotError:
-        solid = with_solid_points(model, name)
-        if solid is None:
-            raise
-        check_mass_matrix(solid, at)
-        return solid
-    return model
-
-
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model, origin, stated = robot.model, robot.origin, dict[str, Any]()
-    for name in ("armature", *FRICTION_ATTRIBUTES):
-        every = {} if origin is None else origin.urdf.joint_effects(name)
-        stated[name] = {joint: x for joint, x in every.items() if joint in robot.joint_names}
-    armature = np.array(model.armature)
-    for joint, value in stated.pop("armature").items():
-        armature[robot.joint_names.index(joint)] = value
-    friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
+    model, names = robot.model, robot.joint_names
+    every = {} if robot.origin is None else robot.origin.urdf.joint_effects()
+    own = {joint: every.get(joint, {}) for joint in names}
+    armature = [own[n].get("armature", x) for n, x in zip(names, model.armature, strict=True)]
+    special: Any = {
+        attribute: {
+            joint: stated[attribute] for joint, stated in own.items() if attribute in stated
+        }
+        for attribute in FRICTION_ATTRIBUTES
+    }
+    friction = Friction(np.array(model.damping), np.array(model.friction), **special)
     return robot.changed(armature=armature, friction=friction)
 
 
@@ -406,11 +375,12 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     for index, frame in enumerate(model.frames):
         if frame.type in ENDS and (index not in parents or carried[index] >= 2):
             joint, name = frame.parentJoint, str(frame.name)
-            joints, depth = _independent_joints(model, mimics, joint), len(model.supports[joint])
+            chain, depth = chain_joints(model, index), len(model.supports[joint])
+            moves = all(is_independent(model, each, mimics) for each in chain)
             behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
             palm = carried[index] >= 2 and behind < depth - 1
-            if joints >= 2 and (palm or index not in parents):
-                found.append((*_rank(name.lower(), palm, joints), index, name))
+            if moves and len(chain) >= 2 and (palm or index not in parents):
+                found.append((*_rank(name.lower(), palm, len(chain)), index, name))
     return [name for *_, name in sorted(found)]
 
 
@@ -423,11 +393,7 @@ def limbs(robot: Robot) -> list[str]:
     assert robot.drawn is not None
     model, found, taken = robot.drawn.whole, dict[str, int](), set[int]()
     for name in (robot.frame, *robot.ends):
-        own = {
-            j
-            for j in chain_joints(model, frame_id(model, name))
-            if not is_free_flyer(model.joints[j])
-        }
+        own = set(chain_joints(model, frame_id(model, name)))
         new = own - taken
         if len(new) >= max(2, len(own) // 2 + 1) and not _SENSOR.search(name.lower()):
             found[name], taken = len(new), taken | own
@@ -442,16 +408,6 @@ def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
     if _FINGER.search(name) and not palm:
         return 2, not tool, joints
     return 0 if tool else 1, not palm, -joints
-
-
-def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
-    """Return how many joints move the body of a joint, 0 if one of them is not supported."""
-    joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
-    try:
-        check_joints(model, joints, mimics)
-    except RobotError:
-        return 0
-    return len(joints)
 
 
 # The choice of a task
@@ -476,20 +432,21 @@ def choose_task(
         plane: the mounting plane, from which the home pose keeps a distance.
 
     Raises:
-        RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
+        RobotError: too few joints, or a task Jacobian that is always singular.
     """
-    refused = RobotError("no task is possible.", where="task")
-    planes = (PLANES,) if len(frames) == 1 else ()
-    for names in ((task,),) if task is not None else (("xyz",), *planes):
-        found = []
-        for name in names:
-            try:
-                found.append(_with_home(model, frames, name, poses, plane))
-            except RobotError as error:
-                refused = error
-        if found:
-            return max(found, key=lambda each: each[0])[1:]
-    raise refused
+    first, found = task or "xyz", []
+    try:
+        return _with_home(model, frames, first, poses, plane)[1:]
+    except RobotError as error:
+        refused = error
+    for name in PLANES if task is None and len(frames) == 1 else ():
+        try:
+            found.append(_with_home(model, frames, name, poses, plane))
+        except RobotError as error:
+            refused = error
+    if not found:
+        raise refused
+    return max(found, key=lambda each: each[0])[1:]
 
 
 def _with_home(
@@ -500,7 +457,7 @@ def _with_home(
     plane: MountingPlane,
 ) -> tuple[float, Task, np.ndarray]:
     """Return conditioning, task and home pose (nq) for the name of a task."""
-    task, count = task_named(name, model), len(frames)
+    task, count = _task_named(name, model), len(frames)
     if model.nv < count * task.size:
         names = "', '".join(str(model.frames[frame].name) for frame in frames)
         raise RobotError(
@@ -515,18 +472,6 @@ def _with_home(
     return conditioning(model, model.createData(), frames, task.rows, home)[1], task, home
 
 
-def task_named(name: str, model: pin.Model) -> Task:
-    """Return a task of a chain by its name: one of ``TASKS``, or "joint".
-
-    Raises:
-        RobotError: unknown name; the message suggests the nearest.
-    """
-    if name == JOINT:
-        return JointTask.of_joints(model)
-    if name not in TASKS:
-        names = [*TASKS, JOINT]
-        raise RobotError(
-            f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
-            where="task",
-        )
-    return TASKS[name]
+def _task_named(name: str, model: pin.Model) -> Task:
+    """Return a task of a chain by its name: one of ``TASKS``, or "joint"."""
+    return JointTask.of_joints(model) if name == JOINT else TASKS[name]

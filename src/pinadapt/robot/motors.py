@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, joint_numbers, word
+from .._checks import joint_numbers, vector, word
 from ..description.chain import effort_limits
-from ..exceptions import GainError, InputError, did_you_mean
+from ..exceptions import GainError, InputError
 from .robot import Robot
 
 Compensation: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -219,7 +219,6 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     Raises:
         GainError: wrong size, or limits that are not positive.
     """
-    instance(robot, Robot, "robot")
     if limits is None or limits is False:
         return None
     n = robot.model.nv
@@ -255,7 +254,6 @@ class Gravity:
 
     def __init__(self, robot: Robot) -> None:
         """Take the nominal robot, without unknown loads or tools."""
-        instance(robot, Robot, "robot")
         self._robot, self._data = robot, robot.model.createData()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
@@ -282,15 +280,7 @@ def compensation_of(robot: Robot, given: Compensation | str | None) -> Compensat
         return None
     if given == NOMINAL:
         return Gravity(robot)
-    if not callable(given):
-        raise InputError(
-            f"expected '{NOMINAL}' or a function, got {given!r}.{did_you_mean(given, [NOMINAL])}",
-            where="compensated",
-        )
-    n, home = robot.model.nv, np.asarray(given(robot.q0.copy()))
-    if home.shape != (n,) or home.dtype.kind not in "fiu" or not np.isfinite(home).all():
-        raise InputError(
-            f"expected a function that returns {n} torques, got {home!r} at the home pose.",
-            where="compensated",
-        )
-    return given
+    if callable(given):
+        vector(given(robot.q0.copy()), robot.model.nv, "compensated", fills=False)
+        return given
+    raise InputError(f"expected '{NOMINAL}' or a function, got {given!r}.", where="compensated")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,7 +14,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, whole
+from .._checks import (
+    ROUNDING,
+    flag,
+    instance,
+    joint_numbers,
+    mapping,
+    numbers,
+    positive,
+    vector,
+    whole,
+    word,
+)
 from .._output import Report, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -26,7 +38,6 @@ from ..description.chain import (
     reach,
     reduced,
     velocity_limits,
-    warn_beyond_limits,
 )
 from ..description.floating_base import BASE_JOINTS
 from ..description.mjcf import mjcf_text
@@ -130,11 +141,10 @@ class Robot:
         """Return this robot with one of its several task frames alone; all joints stay.
 
         Raises:
-            RobotError: it is none of them.
+            InputError: it is none of them.
         """
-        (own,) = changes.by_frame({frame: None}, self.frames, "frame")
         task = self.task.part if isinstance(self.task, FramesTask) else self.task
-        return replace(self, frame=own, task=task)
+        return replace(self, frame=word(frame, self.frames, "frame"), task=task)
 
     @property
     def motors(self) -> np.ndarray:
@@ -245,7 +255,10 @@ class Robot:
             RobotError: wrong size or non-finite numbers.
         """
         angles = vector(q0, self.model.nv, "q0", names=self.joint_names, error=RobotError)
-        warn_beyond_limits(self.model, angles)
+        off = np.abs(angles - np.clip(angles, *position_limits(self.model))) > ROUNDING
+        if off.any():
+            outside = ", ".join(np.array(self.joint_names)[off])
+            warnings.warn(f"q0 is outside the joint limits of {outside}.", stacklevel=2)
         return replace(self, q0=configuration_from_angles(self.model, angles))
 
     def changed(
@@ -298,8 +311,8 @@ class Robot:
             placement.translation += placement.rotation @ shift
         if armature is not None:
             model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
-        own = {"viscous": viscous, "coulomb": coulomb}
-        own = {name: value for name, value in own.items() if value is not None}
+        usual = (("viscous", viscous), ("coulomb", coulomb))
+        own: Any = {name: value for name, value in usual if value is not None}
         drag = self.friction if friction is None else friction
         if friction is not None or own:
             drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
@@ -434,12 +447,7 @@ class Robot:
         return robot_sheet(self).html()
 
     def friction_at(self, q: np.ndarray) -> Friction:
-        """Return the friction at configuration q (nq), under the gravity torque there.
-
-        Raises:
-            RobotError: not nq finite numbers.
-        """
-        q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
+        """Return the friction at configuration q (nq), under the gravity torque there."""
         if not self.friction.loaded:
             return self.friction
         return self.friction.under(
@@ -498,12 +506,10 @@ def robot_sheet(robot: Robot) -> Report:
         ("task", robot.task.name),
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
-        *(
-            (word, shorten(", ".join(names), 100, placeholder=" ..."))
-            for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
-            if names
-        ),
     ]
+    for label, names in (("other ends", robot.ends), ("locked joints", robot.locked)):
+        if names:
+            words.append((label, shorten(", ".join(names), 100, placeholder=" ...")))
     model = robot.model
     limits = *position_limits(model), velocity_limits(model), effort_limits(model)
     columns = zip(robot.slides.items(), *limits, robot.home_angles, strict=True)
@@ -553,11 +559,6 @@ class Succession:
             check_successor(first, robot, f"changes[{time:g}]")
         return cls((first, *timed.values()), tuple(timed))
 
-    @property
-    def name(self) -> str:
-        """Name of the first robot."""
-        return self.robots[0].name
-
     def index(self, t: ArrayLike) -> np.ndarray:
         """Return the index of the robot at each time t (N) [s]."""
         return np.searchsorted(np.array(self.times), numbers(t, "t") + EARLY, side="right")
@@ -565,10 +566,8 @@ class Succession:
     @property
     def words(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and short description of each change."""
-        pairs = zip(self.robots, self.robots[1:], strict=False)
-        return tuple(
-            (time, difference(*pair)) for time, pair in zip(self.times, pairs, strict=True)
-        )
+        changes = zip(self.times, self.robots, self.robots[1:], strict=False)
+        return tuple((time, difference(before, after)) for time, before, after in changes)
 
 
 def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:
@@ -577,9 +576,8 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
     Raises:
         InputError: not a mapping, or a time that is not positive and finite.
     """
-    given = mapping(changes, where)
-    times = {positive(time, where, error=InputError): time for time in given}
-    return {time: given[times[time]] for time in sorted(times)}
+    timed = mapping(changes, where).items()
+    return dict(sorted((positive(t, where, error=InputError), event) for t, event in timed))
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:
@@ -588,8 +586,7 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     Raises:
         RobotError: not a robot, or one with another chain, frame or task.
     """
-    if not isinstance(after, Robot):
-        raise RobotError(f"expected a Robot, got {after!r}.", where=where)
+    instance(after, Robot, where, RobotError)
     ours, theirs = ((one.slides, one.frames, one.task.name) for one in (before, after))
     if ours != theirs:
         raise RobotError(

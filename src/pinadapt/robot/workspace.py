@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import product, takewhile
 from math import ceil, floor, log10, pi, sqrt
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -146,20 +147,17 @@ def find_circle(robot: Robot) -> Circle:
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
         for first, path in sorted(followed, key=lambda found: -found[0][0]):
-            runs = [first]
-            while len(runs) <= len(others) and (run := _follow(robot, others[len(runs) - 1], path)):
-                runs.append(run)
+            more = takewhile(bool, (_follow(robot, other, path) for other in others))
+            runs: list[Any] = [first, *more]
             if len(runs) > len(others):
                 slowest = max(float(run[1].max()) for run in runs)
                 period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), slowest)) / 10.0
                 return Circle(path.center, path.radius, period, path.plane, path.phase)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
-        "the joint limits and away from singularities"
-        + (", with the centre of mass above the feet." if robot.contacts else "."),
+        "the joint limits and away from singularities, with the centre of mass above the feet.",
         where=robot.name,
-        hint="Give a home pose q0 further from them"
-        + (', or take a plane as the task, such as "yz".' if len(planes) > 1 else "."),
+        hint='Give a home pose q0 further from them, or take a plane as the task, such as "yz".',
     )
 
 
@@ -174,19 +172,10 @@ def find_swing(robot: Robot) -> Sinusoid:
     where joints would exceed 80 % of their velocity limits.
 
     Args:
-        robot: any robot; read only.
-
-    Raises:
-        RobotError: the home pose of a joint is outside its limits.
+        robot: any robot; read only. A joint whose home pose is outside its limits stays there.
     """
-    model, home = instance(robot, Robot, "robot").model, robot.home_angles
+    model, home = robot.model, robot.home_angles
     lower, upper = position_limits(model)
-    if (home < lower).any() or (home > upper).any():
-        raise RobotError(
-            f"the home pose {np.round(home, 3).tolist()} is outside the joint limits.",
-            where=robot.name,
-            hint="Give another home pose q0.",
-        )
     period = _PERIOD * sqrt(max(robot.reach, 1.0)) * np.linspace(1.0, 1.5, model.nv)
     period = np.round(period, 1)
     most = np.minimum(

@@ -22,11 +22,7 @@ NOT_ADAPTED = 'controller.adaptation="none"'
 
 
 def compare(
-    scenario: Path | str,
-    laws: Sequence[str] | None = None,
-    *,
-    settings: Sequence[str] = (),
-    unadapted: bool = False,
+    scenario: Path | str, laws: Sequence[str] | None = None, *, settings: Sequence[str] = ()
 ) -> list[Rollout]:
     """Run a scenario under several laws; ``print(comparison_table(rollouts))`` shows them.
 
@@ -36,27 +32,23 @@ def compare(
         scenario: its file.
         laws: names of ``pinadapt.laws.LAWS``; None: all that fit the task.
         settings: dotted "key=value" that override the file.
-        unadapted: whether the same loops are run without adaptation as well.
 
     Raises:
         InputError: as ``Scenario.read``.
         Interrupted: a ``KeyboardInterrupt``, with the rollout until then.
     """
     chosen = laws or laws_for(Scenario.read(scenario, settings))
-    return [run_beside(*pair) for pair in pairs_of(scenario, chosen, settings, unadapted)]
+    return [run_scenario(each) for each in under_laws(scenario, chosen, settings)]
 
 
-def pairs_of(
-    scenario: Path | str, laws: Sequence[str], settings: Sequence[str], unadapted: bool
-) -> Iterator[tuple[Scenario, Scenario | None]]:
-    """Yield the scenario with each law, and the same without adaptation where that is asked for."""
+def under_laws(
+    scenario: Path | str, laws: Sequence[str], settings: Sequence[str]
+) -> Iterator[Scenario]:
+    """Yield the scenario with each law."""
     for law in laws:
-        own = [*settings, f'controller.law="{law}"']
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
-            adapted = Scenario.read(scenario, own)
-            beside = unadapted and adapted.controller.law.adapts
-            yield adapted, Scenario.read(scenario, [*own, NOT_ADAPTED]) if beside else None
+            yield Scenario.read(scenario, [*settings, f'controller.law="{law}"'])
 
 
 def laws_for(scenario: Scenario) -> list[str]:
@@ -98,9 +90,7 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
 
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
-    """Return a table with a row for each rollout; columns that no rollout has are left out."""
-    if not rollouts:
-        return "nothing has run"
+    """Return a table with a row for each rollout, one at least, without columns that none has."""
     shown = rollouts[0].task.groups[0].shown
     unit, degrees = shown.unit, DISPLAYS["rad"].scale
     numbers = {

@@ -89,7 +89,10 @@ class Scenario:
         """
         tables = at_folder(tables, folder)
         given, described = parts(tables), described_robot(tables)
-        sensors = _scaled(given["sensors"], getattr(described.task, "pixel", None) or 1.0)
+        sensors, pixel = given["sensors"], getattr(described.task, "pixel", None)
+        if pixel is not None and "x" in sensors.noise:  # as in a picture
+            noise = {**sensors.noise, "x": pixel * sensors.deviation("x")}
+            sensors = replace(sensors, noise=noise)
         truth, model = given["truth"], given["model"]
         with in_table("truth"):
             true = true_robot(described, truth)
@@ -256,13 +259,6 @@ def _in_time(events: Sequence[Record], name: str) -> dict[float, Tables]:
             raise ScenarioError("there is another event at this time.", where=place)
         found[at] = others
     return dict(sorted(found.items()))
-
-
-def _scaled(sensors: Sensors, pixel: float) -> Sensors:
-    """Return sensors whose noise of x counts in units of ``pixel`` [m], as in a picture."""
-    if pixel == 1.0 or "x" not in sensors.noise:
-        return sensors
-    return replace(sensors, noise={**sensors.noise, "x": pixel * sensors.deviation("x")})
 
 
 def trajectory_of(table: Any, robot: Robot) -> Trajectory:

@@ -56,25 +56,21 @@ MOTIONS: dict[str, type[Trajectory]] = {
 }
 _OF_MOTIONS = ("kind", "as_given", "from_rest")
 _DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
-_WORDS = {
-    "law": tuple(LAWS),
-    "adaptation": ADAPTATIONS,
-    "kinematic_adaptation": KINEMATIC_ADAPTATIONS,
-}
+_WORDS = {"law": LAWS, "adaptation": ADAPTATIONS, "kinematic_adaptation": KINEMATIC_ADAPTATIONS}
 _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engine.plant.path")
 
 
 @cache
 def arguments(make: Make) -> tuple[str, ...]:
-    """Return the names of the arguments that a class or function has, in order."""
+    """Return the names of the arguments that a class, function or method has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    parameters = signature(make).parameters.values()
-    return tuple(each.name for each in parameters if each.kind not in several)
+    named = [each.name for each in signature(make).parameters.values() if each.kind not in several]
+    return tuple(name for name in named if name != "self")
 
 
 def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
     """Return what each table is made of: a class or function, and those of its arguments."""
-    changes = tuple(name for name in arguments(Robot.changed) if name != "self")
+    changes = arguments(Robot.changed)
     own = ("robot", "unknown", "sensors", "limits")
     controller = tuple(name for name in arguments(make_controller) if name not in own)
     whole = {"unknown": Unknown, "sensors": Sensors, "limits": Limits, "engine": Engine}
@@ -116,11 +112,6 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
-def _by_name(hint: Any) -> bool:
-    """Return whether a type allows objects of a class by their names."""
-    return any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
-
-
 def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
@@ -152,14 +143,15 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
 def _value(hint: Any, value: Any, path: str) -> Any:
     """Return a value, or the objects that tables stand for, where the argument is of a class."""
     found = _classes(hint)
-    if _by_name(hint) and isinstance(value, Mapping):
-        tables = [isinstance(each, Mapping) for each in value.values()]
-        if tables and all(tables):
-            return {key: made(found[0], each, f"{path}.{key}") for key, each in value.items()}
-    if found and isinstance(value, Mapping):
-        return motion(value, path) if Trajectory in found else made(found[0], value, path)
-    if found and isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
-        make = motion if Trajectory in found else partial(made, found[0])
+    if not found:
+        return value
+    make = motion if Trajectory in found else partial(made, found[0])
+    if isinstance(value, Mapping):
+        by_name = any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
+        if by_name and value and all(isinstance(each, Mapping) for each in value.values()):
+            return {key: make(each, f"{path}.{key}") for key, each in value.items()}
+        return make(value, path)
+    if isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
         return tuple(make(each, f"{path}.{i}") for i, each in enumerate(value))
     return value
 
@@ -219,25 +211,18 @@ def parts(tables: Tables) -> Tables:
     if "source" not in found["robot"]:
         raise _required("robot.source")
     for key, allowed in _WORDS.items():
-        if isinstance(value := found["controller"].get(key), str):
-            word(value, allowed, f"controller.{key}")
-    truth, events = found["truth"], found["events"]
-    truth["camera"] = [
-        dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
-        for i, each in enumerate(_listed(truth, "camera", "truth"))
-    ]
-    changes = {"changes": KEYS["truth"][1], "announcements": ("payload", "tool_translation")}
-    for name, allowed in changes.items():
-        events[name] = [
-            read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
-            for i, each in enumerate(_listed(events, name, "events"))
+        if key in found["controller"]:
+            word(found["controller"][key], allowed, f"controller.{key}")
+    changes = ("at", *KEYS["truth"][1])
+    for table, key, make, allowed in (
+        ("truth", "camera", pinhole_camera, arguments(pinhole_camera)),
+        ("events", "changes", Robot.changed, changes),
+        ("events", "announcements", Robot.changed, ("at", "payload", "tool_translation")),
+    ):
+        listed = instance(found[table].get(key, []), list, f"{table}.{key}", ScenarioError)
+        found[table][key] = [
+            read(each, f"{table}.{key}.{i}", make, allowed) for i, each in enumerate(listed)
         ]
-    return found
-
-
-def _listed(table: Record, key: str, path: str) -> list[Any]:
-    """Return a list of tables, an empty one where there is none."""
-    found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
 
 
@@ -267,24 +252,22 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     return with_values(read_toml(path), dict(setting(text) for text in settings))
 
 
-def with_values(tables: Tables, values: Record) -> Tables:
-    """Return tables after writing values by dotted keys into them; tables of a list are numbered.
+def with_values(tables: Record, values: Record) -> Tables:
+    """Return a copy of tables with other values by dotted keys.
 
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
+    found = deepcopy(dict(tables))
     for key, value in values.items():
-        table: Any = tables
+        table: Any = found
         *way, last = names = key.split(".")
         for part in way:
-            if isinstance(table, list) and part.isdigit() and int(part) < len(table):
-                table = table[int(part)]
-            else:
-                table = table.setdefault(part, {}) if isinstance(table, dict) else None
+            table = table.setdefault(part, {}) if isinstance(table, dict) else None
         if not all(names) or not isinstance(table, dict):
             raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
         table[last] = value
-    return tables
+    return found
 
 
 def setting(text: str, where: str = "--set") -> tuple[str, Any]:

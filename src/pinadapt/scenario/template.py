@@ -6,7 +6,7 @@ import os
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import ceil, cos, sin
 from pathlib import Path
@@ -21,10 +21,10 @@ from ..controller.controller import Controller
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
 from ..exceptions import InputError
-from ..laws import DEFAULT, LAWS
+from ..laws import DEFAULT
 from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
-from ..robot.loading import FIXED, FREE, JOINT, limbs, load
+from ..robot.loading import FIXED, FREE, JOINT, load
 from ..robot.robot import Robot
 from ..robot.workspace import TOOL_ERROR, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
@@ -57,97 +57,72 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Template:
-    """A scenario to be written.
+    """A scenario to be written, with the choices of ``load`` for what is not given.
 
     Attributes:
         source: a path or a name of a robot.
-        robot: the robot as described, at its home pose.
-        path: a motion that it can follow: a circle, or for a joint task sines of its joints.
+        frame: task frame (default: the likeliest link at the robot's end); several, given again or
+            with commas between, are moved by one controller.
+        contacts: point feet, again or with commas between, on which a robot with a free base
+            stands; its trunk moves.
+        task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz, or a
+            plane if the chain is planar).
         xacro: arguments of a xacro file.
-        mass: total mass of the robot [kg], if links are described without inertia; else None.
-        law: name of the control law.
-        tracker: whether x is measured in the axes of a tracker whose placement is unknown.
-        filmed: whether the task is the picture of an uncalibrated camera.
-        whole: whether all joints of the description are controlled.
+        mass: of the whole robot [kg], if links are described without inertia.
+        tracker: whether x is measured in the axes of an uncalibrated tracker.
     """
 
     source: str
-    robot: Robot
-    path: Circle | Sinusoid
-    xacro: XacroArguments
-    mass: float | None
-    law: str = DEFAULT
+    frame: str | Sequence[str] = ()
+    contacts: Sequence[str] = ()
+    task: str | None = None
+    xacro: XacroArguments = field(default_factory=dict)
+    mass: float | None = None
     tracker: bool = False
-    filmed: bool = False
-    whole: bool = False
 
-    @classmethod
-    def of(
-        cls,
-        source: str,
-        *,
-        frame: str | Sequence[str] | None = None,
-        contacts: Sequence[str] = (),
-        task: str | None = None,
-        xacro: XacroArguments | None = None,
-        mass: float | None = None,
-        law: str = DEFAULT,
-        tracker: bool = False,
-    ) -> Template:
-        """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
-
-        Args:
-            source: a path or a name of a robot.
-            frame: task frame (default: the likeliest link at the robot's end); several, given
-                again or with commas between, are moved by one controller.
-            contacts: point feet, again or with commas between, on which a robot with a free base
-                stands; its trunk moves.
-            task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
-                or a plane if the chain is planar).
-            xacro: arguments of a xacro file.
-            mass: of the whole robot [kg], if links are described without inertia.
-            law: an adaptive law, those of joint space get the task joint (default: separation).
-            tracker: whether x is measured in the axes of an uncalibrated tracker.
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot as described, at its home pose.
 
         Raises:
-            RobotError: as ``load``, ``find_circle`` and ``find_swing``.
-            InputError: a tracker or a camera for a law that does not learn from positions, or a
-                tracker for a joint task or a picture.
+            RobotError: as ``load``.
+            InputError: a tracker for a joint task or a picture.
         """
-        filmed = task == IMAGE
-        if (tracker and task in (JOINT, IMAGE)) or (
-            (tracker or filmed) and not LAWS[law].uses_position_error
-        ):
-            raise InputError(
-                "a tracker needs a task of the frame, and both a tracker and a picture a law that "
-                "learns from positions.",
-                where="--tracker" if tracker else "--law",
-                hint='Take the law "separation".',
-            )
-        if LAWS[law].joint_space and task is None:
-            task = JOINT
-        ends: str | Sequence[str] = frame or ()
+        if self.tracker and self.task in (JOINT, IMAGE):
+            raise InputError("a tracker needs a task of the frame.", where="--tracker")
         robot = load(
-            source,
-            xacro=xacro,
-            mass=mass,
-            frames=ends,
-            task=None if filmed else task,
-            base=FREE if contacts else FIXED,
-            contacts=contacts,
+            self.source,
+            xacro=self.xacro,
+            mass=self.mass,
+            frames=self.frame,
+            task=None if self.filmed else self.task,
+            base=FREE if self.contacts else FIXED,
+            contacts=self.contacts,
         )
-        if tracker or filmed:
+        if self.tracker or self.filmed:
             robot.check_single_frame()
-        if robot.constraints and not (
-            contacts or LAWS[law].constrained
-        ):  # then the chain without them
-            ends = robot.frame
-            robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
-        if contacts:
+        if self.contacts:
             ConstraintForces(robot, None)  # refuses those that cannot hold it
-        path = find_circle(robot) if robot.task.lengths else find_swing(robot)
-        whole = not ends and isinstance(robot.task, JointTask)
-        return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
+        return robot
+
+    @cached_property
+    def path(self) -> Circle | Sinusoid:
+        """A motion that it can follow: a circle, or for a joint task sines of its joints.
+
+        Raises:
+            RobotError: as ``find_circle`` and ``find_swing``.
+        """
+        return find_circle(self.robot) if self.robot.task.lengths else find_swing(self.robot)
+
+    @property
+    def filmed(self) -> bool:
+        """Whether the task is the picture of an uncalibrated camera."""
+        return self.task == IMAGE
+
+    @property
+    def whole(self) -> bool:
+        """Whether all joints of the description are controlled."""
+        return not self.frame and isinstance(self.robot.task, JointTask)
 
     @property
     def name(self) -> str:
@@ -156,34 +131,19 @@ class Template:
             return self.source
         return Path(self.source.removesuffix(".xacro")).stem
 
-    @property
-    def task(self) -> str:
-        """Name of the task."""
-        return IMAGE if self.filmed else self.robot.task.name
-
-    @cached_property
-    def limbs(self) -> list[str]:
-        """An end of each arm and leg of the description."""
-        return limbs(self.robot)
-
-    @property
-    def takes_all(self) -> bool:
-        """Whether more than one arm or leg is controlled."""
-        return self.whole or len(self.robot.frames) > 1 or bool(self.robot.contacts)
-
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
         """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
-        return {name: self._tool(self.robot.of_frame(name)) for name in self.robot.frames}
-
-    def _tool(self, robot: Robot) -> np.ndarray:
-        """Return the tool of a frame."""
-        frame, out = robot.placement(robot.q0), np.zeros(3)
-        place = robot.frame_task.place if robot.task.positions else slice(None)
-        out[place] = frame.translation[place]
-        length = TOOL_ERROR * robot.reach
-        tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
-        return np.round(tool, 3 - int(np.floor(np.log10(length))))
+        found = {}
+        for name in self.robot.frames:
+            robot, out = self.robot.of_frame(name), np.zeros(3)
+            frame = robot.placement(robot.q0)
+            place = robot.frame_task.place if robot.task.positions else slice(None)
+            out[place] = frame.translation[place]
+            length = TOOL_ERROR * robot.reach
+            tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
+            found[name] = np.round(tool, 3 - int(np.floor(np.log10(length))))
+        return found
 
     @cached_property
     def controller(self) -> Controller:
@@ -192,7 +152,6 @@ class Template:
             warnings.simplefilter("ignore")  # the file itself contains what matters
             return make_controller(
                 self.robot.filmed_by(pixel=self.view.pixel) if self.filmed else self.robot,
-                law=self.law,
                 unknown=Unknown(**self.unknown),
             )
 
@@ -215,18 +174,11 @@ class Template:
     @property
     def unknown(self) -> Tables:
         """The table [unknown]."""
-        if self.rests:
-            return {"bodies": "all"}
         if self.robot.contacts:
             return {"bodies": "payload", "friction": False, "armature": False}
         tool = {"tool": True} if self.robot.task.positions else {}
         placed = {"tracker": True} if self.tracker else {}
         return {**placed, **tool, "bodies": "all", "friction": True, "armature": True}
-
-    @property
-    def rests(self) -> bool:
-        """Whether the law regulates to a set point; it is the opposite point of the motion."""
-        return LAWS[self.law].set_point
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
@@ -236,13 +188,13 @@ class Template:
             "truth": self._truth(),
             "unknown": self.unknown,
             "controller": {
-                "law": self.law,
+                "law": DEFAULT,
                 "adaptation": self.controller.adaptation_d.name,
                 "dt": self.controller.period,
             },
             "limits": {"governor": True},
             "trajectory": self._motion(),
-            "simulation": {"duration": float(ceil(max(20.0 if self.rests else 10.0, turns)))},
+            "simulation": {"duration": float(ceil(max(10.0, turns)))},
         }
         if self.robot.contacts:
             found["engine"] = {"plant": "mujoco"}
@@ -253,8 +205,7 @@ class Template:
     def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source
         if is_path(source) and not Path(source).is_absolute():
-            parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
-            source = os.path.join(parent, Path(source).name)
+            source = os.path.relpath(source, folder.resolve())
         given = {
             "source": source,
             "xacro": dict(self.xacro) or None,
@@ -263,9 +214,8 @@ class Template:
             "frames": list(robot.frames) if len(robot.frames) > 1 else None,
             "base": FREE if robot.contacts else None,
             "contacts": [contact.frame for contact in robot.contacts] or None,
-            "task": self.task,
+            "task": IMAGE if self.filmed else robot.task.name,
             "pixel": self.view.pixel if self.filmed else None,
-            "weld_root": robot.welded or None,
             "locked": [],
             "q0": significant(robot.home_angles.round(12), digits=12),
         }
@@ -288,9 +238,7 @@ class Template:
         found["payload"] = self._by_frame(
             lambda tool: {"mass": _rounded(mass, 3), "com": significant(tool), "inertia": inertia}
         )
-        if not (
-            self.rests or robot.contacts
-        ):  # Coulomb friction would hold the arm beside its set point
+        if not robot.contacts:
             found["friction"] = {
                 "viscous": significant(viscous, 2),
                 "coulomb": significant(coulomb, 2),
@@ -304,8 +252,6 @@ class Template:
 
     def _motion(self) -> Tables:
         path = self.path
-        if self.rests:
-            return self._set_point()
         if isinstance(path, Sinusoid):
             sizes = {"amplitude": significant(path.amplitude), "period": significant(path.period)}
             return {"kind": "sinusoid", **sizes}
@@ -316,15 +262,6 @@ class Template:
         circle = {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
         count = len(self.robot.frames)
         return circle if count == 1 else {"kind": "stacked", "motions": [circle] * count}
-
-    def _set_point(self) -> Tables:
-        """Return the way to the opposite point of the motion."""
-        path, half = self.path, 0.5 * float(np.max(self.path.period))
-        across = 2.0 * path.amplitude
-        if isinstance(path, Circle):
-            across = path.at(half).x_d - path.at(0.0).x_d
-        way = {"points": [significant(across.round(6))], "segment": _rounded(half, 3)}
-        return {"kind": "waypoints", "relative": True, **way}
 
     def remarks(self) -> dict[str, str]:
         """Return what the robot adds to the meaning of keys."""
@@ -338,19 +275,11 @@ class Template:
         }
 
     def gains(self) -> Iterator[tuple[str, float | list[float]]]:
-        """Yield key and value of each gain of the law that is a number or a list."""
-        law: Any = self.controller.law
+        """Yield key and value of each gain of the law that is a number or a diagonal matrix."""
         for key in NAMES:
-            gain = getattr(law, SYMBOLS.get(key, key), None)
-            if isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
-                continue
-            if np.ndim(gain) == 2:
-                if np.any(gain - np.diag(np.diag(gain))):
-                    continue  # a full matrix is too long for a comment
-                gain = np.diag(gain)
-            values = significant(np.ravel(gain), 3)
-            follows = key == "Kp" and not law.units[1]  # from the other gains
-            if values and np.isfinite(values).all() and not follows:
+            gain = getattr(self.controller.law, SYMBOLS.get(key, key), None)
+            if isinstance(gain, float | np.ndarray) and np.size(gain) and np.isfinite(gain).all():
+                values = significant(np.diag(np.atleast_2d(gain)), 3)
                 yield key, values[0] if len(set(values)) == 1 else values
 
 

@@ -21,7 +21,6 @@ import ast
 import math
 import re
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
@@ -47,7 +46,7 @@ _HINT = (
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
 )
 _LIST_TEXT = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
-_CONDITION = re.compile(r"\s*([^\s<>=]+)\s*(?:(<=|>=|<|>|==)\s*(-?[\d.]+(?:e-?\d+)?)\s*)?", re.I)
+_CONDITION = re.compile(r"\s*([^\s<>=]+)\s*(?:(<|>)\s*(-?[\d.]+(?:e-?\d+)?)\s*)?", re.I)
 
 
 @dataclass(frozen=True)
@@ -272,12 +271,15 @@ class Plan:
             InputError: the file cannot be used.
         """
         tables, folder = read_toml(path), path.resolve().parent
+        above = folder  # from which modules beside the file are imported
+        while (above / "__init__.py").is_file():
+            above = above.parent
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
             tables["scenario"], folder = read_toml(named), named.resolve().parent
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
-        tables = {"path": str(_import_folder(path)), "folder": str(folder)} | tables
+        tables = {"path": str(above), "folder": str(folder)} | tables
         varied = dict(setting(text, "--vary") for text in vary)
         tables["vary"] = flat(tables.get("vary", {})) | varied
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
@@ -295,7 +297,7 @@ class Plan:
         tables = dict(tables)
         fixed, listed = tables.pop("set", {}), tables.get("case", [])
         if "scenario" in tables:
-            tables["scenario"] = with_values(deepcopy(dict(tables["scenario"])), fixed)
+            tables["scenario"] = with_values(tables["scenario"], fixed)
             listed = [flat(case) for case in listed]
         elif fixed:
             listed = [fixed | case for case in listed or [{}]]
@@ -306,8 +308,7 @@ class Plan:
 
     def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
-        tables = deepcopy(dict(self.scenario or {}))
-        return at_folder(with_values(tables, values), Path(self.folder))
+        return at_folder(with_values(self.scenario or {}, values), Path(self.folder))
 
     def check(self, values: Record) -> None:
         """Check that the scenario, if it is one, has such keys and values.
@@ -326,12 +327,6 @@ class Plan:
             return tuple(values)
         names = tuple(described_robot(self._tables(dict(*self.case[:1]))).joint_names)
         return tuple(each.by_joint(names) for each in values)
-
-    @property
-    def keys(self) -> list[str]:
-        """The keys that are varied, in order."""
-        listed = dict.fromkeys(key for case in self.case for key in case)
-        return [*listed, *(each.key for each in self.values)]
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -385,10 +380,7 @@ class Plan:
         Raises:
             InputError: there is none, or it was run by another version of the library.
         """
-        path = folder / COPY
-        if not path.is_file():
-            raise InputError(f"holds no sweep: there is no {COPY}.", where=str(folder))
-        tables = read_toml(path)
+        tables = read_toml(folder / COPY)
         version = tables.pop("version", None)
         if version != __version__:
             raise InputError(
@@ -418,7 +410,7 @@ def _expanded(case: Record) -> list[Row]:
 
 
 def condition(text: str) -> tuple[str, str, float]:
-    """Return column, sign and number of "column < number"; a column alone is "== 1".
+    """Return column, sign and number of "column < number"; a column alone is "> 0".
 
     Raises:
         InputError: the text is neither.
@@ -431,12 +423,4 @@ def condition(text: str) -> tuple[str, str, float]:
             hint='Write a column and a bound, "error_share < 0.01".',
         )
     column, sign, bound = found.groups()
-    return column, sign or "==", float(bound or 1.0)
-
-
-def _import_folder(path: Path) -> Path:
-    """Return the folder from which modules beside a file are imported: the first no package."""
-    folder = path.resolve().parent
-    while (folder / "__init__.py").is_file():
-        folder = folder.parent
-    return folder
+    return column, sign or ">", float(bound or 0.0)

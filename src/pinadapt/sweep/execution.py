@@ -17,14 +17,12 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     Executor,
-    Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from copy import deepcopy
 from functools import partial
 from importlib import import_module
 from inspect import signature
@@ -39,9 +37,8 @@ from threadpoolctl import threadpool_limits
 from .._checks import mapping, whole
 from .._output import Record, check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
-from ..rollout.recording import extreme
+from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.rollout import Rollout
-from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
 from .cases import COPY, Case, Plan
@@ -75,7 +72,7 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
         InputError: the values cannot be used.
     """
     values = {"simulation.seed": case.seed, **case.values}
-    return Scenario.build(with_values(deepcopy(dict(tables)), values), Path(folder))
+    return Scenario.build(with_values(tables, values), Path(folder))
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:
@@ -132,8 +129,14 @@ def work_of(plan: Plan) -> Work:
 
 # of ``summary.json``
 _KEPT = (
-    *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
-    *("max_tool_error_last", "saturated", "diverged"),
+    "error_share",
+    "max_error_first",
+    "max_error_last",
+    "rms_error_last",
+    "max_angle_last",
+    "max_tool_error_last",
+    "saturated",
+    "diverged",
 )
 
 
@@ -164,14 +167,14 @@ class _TimeUp(BaseException):
 
 @contextmanager
 def _within(seconds: float | None) -> Iterator[None]:
-    """Raise ``_TimeUp`` after so many seconds, where the system has such signals."""
+    """Raise ``_TimeUp`` after so many seconds, in the main thread, which alone gets signals."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         """End the case."""
         raise _TimeUp
 
     main = threading.current_thread() is threading.main_thread()
-    if seconds is None or not main or not hasattr(signal, "SIGALRM"):
+    if seconds is None or not main:
         yield
         return
     before = signal.signal(signal.SIGALRM, stop)
@@ -229,9 +232,7 @@ def _end_with_parent() -> None:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Case) -> Row:
@@ -257,26 +258,19 @@ def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Cas
     return own.pool.submit(task, case).result()
 
 
-@contextmanager
-def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads; processes that they start end with the block, whatever they do then."""
-    others, threads = set(active_children()), ThreadPoolExecutor(count)
-    try:
-        yield threads
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)
-        for process in set(active_children()) - others:
-            process.kill()
-
-
 def _as_ended(
     executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case]
 ) -> Iterator[Row]:
-    """Yield the rows of cases as they end."""
+    """Yield the rows of cases as they end, or are lost with their process."""
     futures = {executor.submit(task, case): case for case in cases}
     try:
         for future in as_completed(futures):
-            yield _row(futures[future], future)
+            case, error = futures[future], future.exception()
+            if error is None or isinstance(error, InputError):  # no process can be started
+                yield future.result()
+                continue
+            ended = {"status": CRASHED, "reason": f"its process ended: {error!r}", "seconds": None}
+            yield {"case": case.number, "seed": case.seed, **case.values, **ended}
     finally:
         for future in futures:
             future.cancel()
@@ -314,21 +308,14 @@ def rows(
         if isinstance(executor, Executor):
             yield from _as_ended(executor, task, cases)
             return
-        with _threads(executor or cores()) as threads:
+        others, threads = set(active_children()), ThreadPoolExecutor(executor or cores())
+        try:
             own = partial(_in_own_process, threading.local(), task)
             yield from _as_ended(threads, own, cases)
-
-
-def _row(case: Case, future: Future[Row]) -> Row:
-    """Return the row of a case that has ended, or was lost with its process."""
-    error = future.exception()
-    if error is None or isinstance(error, InputError):  # no process can be started
-        return future.result()
-    reason = f"lost by the executor: {type(error).__name__}: {error}"
-    if isinstance(error, BrokenProcessPool):
-        reason = "its process ended: killed, out of memory, or a crash of compiled code"
-    ended = {"status": CRASHED, "reason": reason, "seconds": None}
-    return {"case": case.number, "seed": case.seed, **case.values, **ended}
+        finally:  # processes that the threads have started end, whatever they do then
+            threads.shutdown(wait=False, cancel_futures=True)
+            for process in set(active_children()) - others:
+                process.kill()
 
 
 # --- the whole sweep ---
@@ -345,7 +332,6 @@ def sweep(
     executor: Executor | int | None = None,
     folder: Path | str | None = None,
     timeout: float | None = None,
-    progress: bool | None = None,
 ) -> CaseTable:
     """Run a scenario, or a function, with many values and return one table.
 
@@ -366,8 +352,7 @@ def sweep(
         executor: any ``concurrent.futures.Executor``; a number of processes, 0 for this one; None:
             a process for each core. A function has to be at the top of a module.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
-        timeout: [s] of a case, on systems with alarm signals.
-        progress: whether to show a bar; None: if standard error is a terminal.
+        timeout: [s] of a case.
 
     Raises:
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
@@ -382,7 +367,7 @@ def sweep(
         what["case"] = [mapping(each, "cases") for each in cases]
     plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
-    return run_plan(plan, executor, place, shown=progress)
+    return run_plan(plan, executor, place)
 
 
 def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Path:
@@ -402,8 +387,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         raise InputError(
             "holds another sweep, or one of another version.",
             where=str(folder),
-            hint=f"Go on with that: pinadapt sweep {folder} --resume; or take another folder by "
-            "--out, or begin anew by --force.",
+            hint="Take another folder by --out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(
@@ -420,7 +404,6 @@ def run_plan(
     folder: Path | None = None,
     *,
     retry: bool = False,
-    shown: bool | None = None,
 ) -> CaseTable:
     """Run the cases of a sweep that have no row yet, and return the table of all.
 
@@ -429,7 +412,6 @@ def run_plan(
         executor: as of ``rows``.
         folder: that holds the rows, of one process at a time; None: memory.
         retry: whether what crashed, failed or took too long runs again.
-        shown: whether to show a bar; None: on a terminal.
 
     Raises:
         InputError: no case can run.
@@ -446,7 +428,7 @@ def run_plan(
         desc="sweep",
         total=len(plan.cases),
         initial=len(done),
-        disable=None if shown is None else not shown,
+        disable=None,  # but on a terminal
         leave=False,
     )
     if folder is None:

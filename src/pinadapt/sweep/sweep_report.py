@@ -16,25 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Report, Table, html_page, percent, write_json, write_text
+from .._output import Report, Table, cell, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
-from .cases import Plan, condition
-from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
+from .cases import SUCCESS, Plan, condition
+from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
-MAP, BANDS = FIGURES = ("map.png", "bands.png")
+MAP, BANDS = "map.png", "bands.png"
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
-_COMPARED = {
-    "<": np.less,
-    "<=": np.less_equal,
-    ">": np.greater,
-    ">=": np.greater_equal,
-    "==": np.equal,
-}
 
 
 class Rate(NamedTuple):
@@ -52,22 +45,28 @@ class Rate(NamedTuple):
 
     def __str__(self) -> str:
         """Return the share in words."""
-        share = self.good / self.total if self.total else 0.0
         return (
-            f"{self.good} of {self.total} ({percent(share, 3)}; "
+            f"{self.good} of {self.total} ({percent(self.good / self.total, 3)}; "
             f"95% interval {percent(self.low, 3)} to {percent(self.high, 3)})"
         )
 
 
 def rate(which: np.ndarray) -> Rate:
-    """Return the share of true entries with Wilson's interval (Wilson 1927)."""
-    count, total = int(np.sum(which)), len(which)
-    if not total:
-        return Rate(0, 0, 0.0, 1.0)
+    """Return the share of true entries, one at least, with Wilson's interval (Wilson 1927)."""
     from scipy.stats import binomtest
 
+    count, total = int(np.sum(which)), len(which)
     found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, float(found.low), float(found.high))
+
+
+def succeeded(table: CaseTable, text: str = "") -> np.ndarray:
+    """Return which cases (N) fulfil a condition, see ``Plan``; without one they follow, or end."""
+    column, sign, bound = condition(text)
+    if not text and column not in table.names:
+        return ~table.lost
+    values = np.array(table[column], dtype=float)  # None becomes NaN
+    return (values < bound if sign == "<" else values > bound) & ~table.lost
 
 
 class Percentile(NamedTuple):
@@ -133,7 +132,7 @@ class SweepReport:
     @cached_property
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
-        there = [name for name in self._varied if name in self.table.names]
+        there = (name for name in self._varied if name in self.table.names)
         return [name for name in there if len(set(map(str, self.table[name]))) > 1]
 
     @cached_property
@@ -165,19 +164,15 @@ class SweepReport:
         return np.where(np.isnan(column) | self.table.lost, np.inf, column)
 
     @cached_property
-    def success(self) -> Rate | None:
-        """The share of cases that succeeded; None where no column says so."""
-        name, sign, bound = condition(self.plan.success)
-        if not self.plan.success and name not in self.table.names:
-            return None
-        column = [np.nan if each is None else float(each) for each in self.table[name]]
-        return rate(_COMPARED[sign](np.array(column), bound) & ~self.table.lost)
+    def success(self) -> Rate:
+        """The share of cases that succeeded."""
+        return rate(succeeded(self.table, self.plan.success))
 
     def verdict(self) -> str:
         """Return the outcome in one line."""
         parts = [f"{len(self.table)} of {len(self.plan.cases)} cases"]
-        if self.success is not None:
-            parts.append(f"success ({self.plan.success or condition('')[0]}) {self.success}")
+        usual = SUCCESS if SUCCESS in self.table.names else DONE
+        parts.append(f"success ({self.plan.success or usual}) {self.success}")
         kinds = Counter(self.table["status"][self.table.lost].tolist())
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         parts.append(f"{kinds.total()} lost: {words}" if kinds else "none lost")
@@ -231,28 +226,23 @@ class SweepReport:
         )
         return html_page(self.title, [self.sheet().html(), *pictures])
 
-    def summary(self) -> Row:
-        """Return the numbers of the report."""
-        return {
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``report.json`` and the figures into a folder."""
+        for name, drawn in self._pictures.items():
+            write_text(folder / name, drawn)
+        numbers = {
             "title": self.title,
             "verdict": self.verdict(),
             "cases": len(self.table),
             "planned": len(self.plan.cases),
             "lost": int(self.table.lost.sum()),
-            "success": None if self.success is None else self.success._asdict(),
+            "success": self.success._asdict(),
             "percentiles": {
                 name: [each._asdict() for each in found] for name, found in self.percentiles.items()
             },
             "version": __version__,
         }
-
-    def save(self, folder: Path) -> None:
-        """Write ``report.html``, ``report.json`` and the figures into a folder."""
-        for name in FIGURES:
-            (folder / name).unlink(missing_ok=True)
-        for name, drawn in self._pictures.items():
-            write_text(folder / name, drawn)
-        write_json(folder / NUMBERS, self.summary())
+        write_json(folder / NUMBERS, numbers)
         write_text(folder / PAGE, self.page())
 
     @cached_property
@@ -279,7 +269,11 @@ class SweepReport:
 
     def bands(self, x: str) -> Picture:
         """Return percentiles of the main result over one parameter; lost cases leave gaps."""
-        values, (places, groups) = self.values(self.main), _classes(self.table[x])
+        values, column = self.values(self.main), self.table[x]
+        distinct = np.unique(column)
+        parts = np.array_split(distinct, min(len(distinct), _CLASSES))
+        groups = [np.flatnonzero(np.isin(column, part)) for part in parts]
+        places = [np.median(column[g]) for g in groups]
         levels = [np.quantile(values[g], PERCENTILES, method="inverted_cdf") for g in groups]
         low, median, high = np.where(np.isfinite(levels), levels, np.nan).T
         figure, ax = _axes(x, self.main)
@@ -294,11 +288,3 @@ def _axes(x: str, y: str) -> tuple[Picture, Any]:
     with matplotlib.rc_context(RC):
         figure = Picture(figsize=(7.0, 4.6), layout="constrained")
         return figure, figure.add_subplot(xlabel=literal(x), ylabel=literal(y))
-
-
-def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return places (k) on an axis and the cases of each: single values, or classes of them."""
-    distinct, which = np.unique(column, return_inverse=True)
-    which = which * _CLASSES // max(len(distinct), _CLASSES)
-    groups = [np.flatnonzero(which == k) for k in np.unique(which)]
-    return np.array([float(np.median(column[g])) for g in groups]), groups

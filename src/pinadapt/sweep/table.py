@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import word
-from .._output import Record, Table, read_as_data, write_text
+from .._output import Record, Table, cell, read_as_data, write_text
 from ..exceptions import InputError
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
@@ -162,11 +162,6 @@ class CaseTable:
         if len(self) > PRINTED_ROWS:
             shown.append(["..."] * len(self.names))
         return str(Table(shown, self.names))
-
-
-def cell(value: Any) -> str:
-    """Return a value of a row as text, numbers with four digits."""
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def read(folder: Path) -> CaseTable:

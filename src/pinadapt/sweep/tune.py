@@ -15,8 +15,8 @@ from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
-from .sweep_report import Rate, percentile, rate
-from .table import DONE, CaseTable, Row
+from .sweep_report import Rate, percentile, rate, succeeded
+from .table import CaseTable, Row
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,6 @@ def tune(
     work: Plan | Path | str,
     gains: Record,
     *,
-    vary: Record | None = None,
     samples: int | None = None,
     trials: int = 40,
     objective: str = "error_share",
@@ -81,11 +80,10 @@ def tune(
     """Search gains, validate them on other seeds, and say whether the defaults are as good.
 
     Args:
-        work: a sweep, its file, or a scenario file with ``vary``: the cases over which gains are
-            judged. Each trial runs all of them.
+        work: a sweep or its file: the cases over which gains are judged. Each trial runs all of
+            them.
         gains: what is searched, by key: "loguniform(5, 100)", "uniform(a, b)", or a list of
             choices.
-        vary: further values of the cases, as ``sweep`` has them.
         samples: number of samples of the distributions.
         trials: number of gains that are tried.
         objective: the result whose percentile is minimised.
@@ -95,11 +93,10 @@ def tune(
         executor: as ``sweep`` has it.
 
     Raises:
-        InputError: a range cannot be used, a key is varied as well, or Optuna is not installed.
+        InputError: a range cannot be used, a key is varied as well, the cases have no such result,
+            or Optuna is not installed.
     """
     plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
-    if vary:
-        plan = replace(plan, vary={**plan.vary, **vary})
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)
@@ -110,8 +107,13 @@ def tune(
     def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
-        rows_ = rows(work_of(plan), changed, executor, plan.timeout)
-        return _judged(chosen, CaseTable(rows_), objective, share)
+        table = CaseTable(rows(work_of(plan), changed, executor, plan.timeout))
+        found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
+        errors = np.where(table.lost | np.isnan(found), np.inf, found)
+        value = percentile(errors, share).value
+        if not math.isfinite(value):
+            value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
+        return Judged(dict(chosen), value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -147,46 +149,25 @@ def tune(
     return Tuned(numbers)
 
 
-def _judged(gains: Record, table: CaseTable, column: str, share: float) -> Judged:
-    """Return how the cases of a table ended.
-
-    Raises:
-        InputError: the cases have no such result.
-    """
-    lost = table["status"] != DONE
-    found = np.full(len(table), np.nan) if lost.all() else table[column].astype(float)
-    errors = np.where(lost | np.isnan(found), np.inf, found)
-    value = percentile(errors, share).value
-    if not math.isfinite(value):
-        value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
-    follows = table["follows"] if "follows" in table.names else ~lost
-    return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
-
-
 def searched(gains: Record, plan: Plan) -> dict[str, Values]:
     """Return what is searched, by key.
 
     Raises:
-        InputError: nothing is, a range cannot be used, or a key is varied by the sweep as well.
+        InputError: a range cannot be used, or a key is varied by the sweep as well.
     """
     found = {}
     for key, value in gains.items():
         values = Values.of(key, value)
         if not values.drawn:
             values = replace(values, kind="choice")
-        if values.shape or values.kind == "normal" or key in plan.keys:
+        varied = any(key in case.values for case in plan.cases)
+        if values.shape or values.kind == "normal" or varied:
             raise InputError(
                 "give one uniform, loguniform or choice, of what the sweep does not vary.",
                 where=key,
             )
         plan.check({key: values.at(np.array([0.5]))})
         found[key] = values
-    if not found:
-        raise InputError(
-            "no gain is searched.",
-            where="gains",
-            hint="Name some: controller.alpha=loguniform(5, 100).",
-        )
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -52,50 +52,46 @@ class FramesTask(Task):
     @cached_property
     def levels(self) -> np.ndarray:
         """The place of each row's frame (m)."""
-        own = [np.full(self.part.size, float(k)) for k in range(len(self.frames))]
-        return self.joined(own)
+        return self.joined([np.full(self.part.size, float(k)) for k in range(len(self.frames))])
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
         """The positions of all frames, then all rotations."""
+        k = len(self.frames)
         return tuple(
-            group._replace(rows=slice(*(len(self.frames) * end for end in (rows.start, rows.stop))))
+            group._replace(rows=slice(k * group.rows.start, k * group.rows.stop))
             for group in self.part.groups
-            for rows in (group.rows,)
         )
 
     def parts(self, x: np.ndarray) -> Iterator[np.ndarray]:
         """Yield the coordinates, or the rows, of each frame."""
         yield from parts_of(x, len(self.frames), self.part.positions)
 
-    def joined(self, parts: list[np.ndarray]) -> np.ndarray:
+    def joined(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return the coordinates, or the rows, of all frames, given those of each."""
         return joined(parts, self.part.positions)
 
+    def _all(self, found: Iterable[Sequence[Any]]) -> list[np.ndarray]:
+        """Return several arrays of all frames, given those of each."""
+        return [self.joined(own) for own in zip(*found, strict=True)]
+
     def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
         """Return what a function makes of the parts of some coordinates or rows, joined."""
-        return self.joined([call(*own) for own in zip(*map(self.parts, given), strict=True)])
+        return self.joined(list(map(call, *map(self.parts, given))))
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
-        pin.forwardKinematics(model, data, q, v)
-        found = []
-        for own in self.ids:
-            placement = pin.updateFramePlacement(model, data, own)
-            velocity = pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            found.append(self.part.moving(placement, velocity))
-        x, xd = zip(*found, strict=True)
-        return self.joined(list(x)), self.joined(list(xd))
+        x, xd = self._all(self.part.motion(model, data, own, q, v) for own in self.ids)
+        return x, xd
 
     def linear_map(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
-        found = [self.part.linear_map(model, data, own, q) for own in self.ids]
-        x, J = zip(*found, strict=True)
-        return self.joined(list(x)), self.joined(list(J))
+        x, J = self._all(self.part.linear_map(model, data, own, q) for own in self.ids)
+        return x, J
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
@@ -112,26 +108,22 @@ class FramesTask(Task):
         """Return dx, xd and delta, as of each frame; see ``Task.errors``."""
         if self.size == self.positions:
             return super().errors(x, x_d, xd, xd_hat, xd_d)
-        given = zip(
-            *map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d)), strict=True
-        )
-        dx, found, delta = zip(*(self.part.errors(*own) for own in given), strict=True)
-        return self.joined(list(dx)), self.joined(list(found)), self.joined(list(delta))
+        given = map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d))
+        dx, xd, delta = self._all(map(self.part.errors, *given))
+        return dx, xd, delta
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation of each frame from the estimated to the measured orientation."""
-        both = zip(self.parts(x_hat), self.parts(x), strict=True)
-        return [self.part.turn(*own) for own in both]
+        return list(map(self.part.turn, self.parts(x_hat), self.parts(x)))
 
     def turn_between(self, turn: Any, before: Any, share: float) -> Any:
         """Return the rotation of each frame on the way from ``turn`` to ``before``."""
-        both = zip(turn, before, strict=True)
-        return [self.part.turn_between(*own, share) for own in both]
+        return [self.part.turn_between(*own, share) for own in zip(turn, before, strict=True)]
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and rotations."""
-        own = zip(self.parts(x_hat), np.split(epsilon, len(self.frames)), turn, strict=True)
-        return self.joined([self.part.carried(*each) for each in own])
+        errors = np.split(epsilon, len(self.frames))
+        return self.joined(list(map(self.part.carried, self.parts(x_hat), errors, turn)))
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the coordinates displaced from x by ``by`` (m), their error from x."""
@@ -151,6 +143,6 @@ def parts_of(x: np.ndarray, count: int, positions: int) -> Iterator[np.ndarray]:
         yield np.concatenate([places, x[first + k * rest : first + (k + 1) * rest]])
 
 
-def joined(parts: list[np.ndarray], positions: int) -> np.ndarray:
+def joined(parts: Sequence[np.ndarray], positions: int) -> np.ndarray:
     """Return coordinates or rows of several frames, given those of each, positions first."""
     return np.concatenate([part[:positions] for part in parts] + [p[positions:] for p in parts])

@@ -190,18 +190,12 @@ class JointTask(Task):
     @classmethod
     def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
         """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
-        own = [
-            (str(name), joint)
-            for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
+        rows = [
+            (str(model.names[joint.id]), joint.nq == 2, joint.idx_q, joint.idx_v)
+            for joint in model.joints[1:]
             if chosen is None or chosen[joint.idx_v]
         ]
-        return cls(
-            "joint",
-            tuple(name for name, _ in own),
-            tuple(joint.nq == 2 for _, joint in own),
-            tuple(joint.idx_q for _, joint in own),
-            tuple(joint.idx_v for _, joint in own),
-        )
+        return cls("joint", *zip(*rows, strict=True))
 
     @property
     def positions(self) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired, DesiredSteps, Feet
-from .trajectory import Trajectory, minimum_jerk
+from .trajectory import Quintic, Trajectory, moves
 
 # of the largest possible distance to the edges of the triangle of support; half and twice: an A1
 # with 6 kg that nobody announced crawls with the same error of the trunk, and its motors give 16
@@ -37,7 +37,7 @@ class Crawl(Trajectory):
     exact = True
     _start: np.ndarray
     _order: list[int]
-    _trunk: list[np.ndarray]
+    _plan: Any = None  # a ``Quintic`` of trunk and feet
 
     def __init__(
         self,
@@ -63,7 +63,6 @@ class Crawl(Trajectory):
         self.length = float(vector(length, 1, "length")[0])
         self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
         self.settles = self.steps * (self.shift + self.swing) + self.shift
-        self._footholds: list[np.ndarray] = []
 
     def on(self, robot: Any) -> Crawl:
         """Return the crawl of a robot that stands on four point feet, its task the trunk's pose.
@@ -82,15 +81,24 @@ class Crawl(Trajectory):
         planned._start = start = robot.position(robot.q0)
         offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
         planned._order = [order[i % 4] for i in range(self.steps)]
-        planned._footholds, planned._trunk = [feet], [start[:3]]
+        # trunk and feet at the ends of all parts, (2 steps + 2, 3) and (2 steps + 2, 4, 3)
+        trunk, placed = [start[:3]], [feet]
         for foot in planned._order:
-            above = _inside(np.delete(feet[:, :2], foot, axis=0)) - offset
-            planned._trunk.append(np.append(above, start[2]))
+            above = np.append(_inside(np.delete(feet[:, :2], foot, axis=0)) - offset, start[2])
             feet = feet.copy()
             feet[foot, 0] += self.length
-            planned._footholds.append(feet)
-        way = (planned._footholds[-1] - planned._footholds[0]).mean(axis=0)
-        planned._trunk.append(start[:3] + way)
+            trunk += [above, above]
+            placed += [placed[-1], feet]
+        trunk.append(start[:3] + (feet - placed[0]).mean(axis=0))
+        placed.append(feet)
+        x = np.concatenate([trunk, np.reshape(placed, (len(placed), 12))], axis=1)
+        T = np.append(np.tile([self.shift, self.swing], self.steps), self.shift)
+        power = np.concatenate([np.zeros((1, len(T), 15)), moves(x, T)])
+        # a foot rises by 64 height (u (1 - u))^3, u = t / swing
+        rise = np.array([-1.0, 3.0, -3.0, 1.0]) / self.swing ** np.arange(6.0, 2.0, -1.0)
+        for k, foot in enumerate(planned._order):
+            power[:4, 2 * k + 1, 5 + 3 * foot] += 64.0 * self.height * rise
+        planned._plan = Quintic(np.append(0.0, np.cumsum(T)), x, power)
         return planned
 
     def shifted(self, by: ArrayLike) -> Trajectory:
@@ -104,7 +112,7 @@ class Crawl(Trajectory):
     @property
     def footholds(self) -> np.ndarray:
         """Where the feet stand after each step, and at first (steps + 1, 4, 3) [m]."""
-        return np.array(self._footholds)
+        return np.reshape(self._plan.x[::2, 3:], (-1, 4, 3))
 
     def at(self, t: float) -> Desired:
         """Return the pose of the trunk and the motion of the feet at time t [s].
@@ -112,42 +120,18 @@ class Crawl(Trajectory):
         Raises:
             InputError: it is on no robot yet.
         """
-        if not self._footholds:
+        if self._plan is None:
             raise InputError("give it a robot first, by on(robot).", where="trajectory")
         period = self.shift + self.swing
         k = min(int(max(t, 0.0) / period), self.steps)
-        t -= k * period
-        x, xd, xdd = _moved(self._trunk[k], self._trunk[k + 1], t, self.shift)
-        feet = self._footholds[k]
-        stands, still = np.ones(4, dtype=bool), np.zeros((2, 4, 3))
-        motion = Feet(stands, feet.copy(), *still)
-        if k < self.steps and t > self.shift:
-            foot, u = self._order[k], (t - self.shift) / self.swing
-            stands[foot] = False
-            moved = _moved(feet[foot], self._footholds[k + 1][foot], t - self.shift, self.swing)
-            for part, own, rise in zip(motion[1:], moved, _bump(u, self.swing), strict=True):
-                part[foot] = own + np.array([0.0, 0.0, self.height * rise])
+        stands = np.ones(4, dtype=bool)
+        if k < self.steps and t - k * period > self.shift:
+            stands[self._order[k]] = False
+        x, xd, xdd = self._plan.at(t)
+        feet = Feet(stands, *(each[3:].reshape(4, 3) for each in (x, xd, xdd)))
         rest = np.zeros(3)
-        trunk = Desired(np.append(x, self._start[3:]), np.append(xd, rest), np.append(xdd, rest))
-        return DesiredSteps.of(trunk, motion)
-
-
-def _moved(
-    start: np.ndarray, end: np.ndarray, t: float, T: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position, velocity and acceleration (3) at t of a move that takes T [s]."""
-    s, sd, sdd = minimum_jerk(min(max(t / T, 0.0), 1.0))
-    return start + s * (end - start), sd / T * (end - start), sdd / T**2 * (end - start)
-
-
-def _bump(u: float, T: float) -> tuple[float, float, float]:
-    """Return 64 (u (1 - u))^3, u = t / T, with two derivatives: from 0 to 1 and back."""
-    w, wd = u * (1.0 - u), 1.0 - 2.0 * u
-    return (
-        64.0 * w**3,
-        192.0 * w * w * wd / T,
-        384.0 * w * (wd * wd - w) / T**2,
-    )
+        trunk = np.append(x[:3], self._start[3:]), np.append(xd[:3], rest), np.append(xdd[:3], rest)
+        return DesiredSteps.of(Desired(*trunk), feet)
 
 
 def _order(feet: np.ndarray) -> list[int]:
@@ -155,9 +139,8 @@ def _order(feet: np.ndarray) -> list[int]:
 
     The fore ones are those with the largest x.
     """
-    hind, fore = np.split(np.argsort(feet[:, 0]), 2)
-    sides = [pair[np.argsort(feet[pair, 1])] for pair in (hind, fore)]
-    return [int(sides[i][side]) for side in (0, 1) for i in (0, 1)]
+    side = feet[:, 1] > feet[:, 1].mean()
+    return [int(foot) for foot in np.lexsort((feet[:, 0], side))]
 
 
 def _inside(triangle: np.ndarray) -> np.ndarray:

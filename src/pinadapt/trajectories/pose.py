@@ -68,10 +68,7 @@ class Swing(Trajectory):
                 positive, an axis of length zero, or a quaternion that is not of length 1.
         """
         direction = vector(axis, 3, "orientation.axis", fills=False)
-        length = float(np.linalg.norm(direction))
-        if length < 1e-12:
-            raise InputError("an axis needs a direction, got zeros.", where="orientation.axis")
-        self.axis = direction / length
+        self.axis = direction / positive(np.linalg.norm(direction), "orientation.axis")
         self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
         self.period = positive(period, "orientation.period")
         self.phase = float(vector(phase, 1, "orientation.phase")[0])

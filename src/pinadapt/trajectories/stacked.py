@@ -55,9 +55,7 @@ class Stacked(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration of all frames at time t [s]."""
-        return Desired(
-            *(joined(list(each), self._positions) for each in zip(*self._at(t), strict=True))
-        )
+        return Desired(*(joined(each, self._positions) for each in zip(*self._at(t), strict=True)))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motions, those without a place of their own placed where their frame is.

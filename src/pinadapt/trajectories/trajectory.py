@@ -66,7 +66,7 @@ class Trajectory(ABC):
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
         Raises:
-            InputError: a ramp that is not positive, or a motion that is not finite at its start.
+            InputError: a ramp that is not positive, as for a motion that is not finite.
         """
         if self.exact:
             return self
@@ -74,8 +74,6 @@ class Trajectory(ABC):
         looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
         speeds, rates = np.linalg.norm(looks, axis=2).T
         v, a = float(speeds.max()), float(rates.max())
-        if not np.isfinite(v + a):
-            raise InputError(f"is not finite within the first {span:g} s.", where="trajectory")
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
@@ -101,14 +99,11 @@ class Trajectory(ABC):
         Raises:
             InputError: ``start`` has another number of coordinates than x_d, or is not finite.
         """
-        first = self.at(0.0)
-        here, start = first.x_d, vector(start, first.x_d.size, "start")
-        if here.size == first.xd_d.size:
-            return self.shifted(start - here)
-        n = here.size - 4 * (here.size - first.xd_d.size)
+        here, speed, _ = self.at(0.0)
+        start, n = vector(start, here.size, "start"), _vector_rows(here, speed)
         pairs = zip(start[n:].reshape(-1, 4), here[n:].reshape(-1, 4), strict=True)
         turns = [rotation_between(*both) for both in pairs]
-        return self.shifted(np.concatenate([start[:n] - here[:n], *turns]))
+        return self.shifted(np.append(start[:n] - here[:n], turns))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins where the robot is, ``start``, if it has no place yet."""
@@ -117,6 +112,11 @@ class Trajectory(ABC):
     def positions(self, times: np.ndarray) -> np.ndarray:
         """Return the coordinates x_d, one row for each of the times (N) [s], N >= 1."""
         return np.stack([self.at(float(t)).x_d for t in times])
+
+
+def _vector_rows(x_d: np.ndarray, xd_d: np.ndarray) -> int:
+    """Return the number of coordinates x_d before the quaternions, given the velocity as well."""
+    return 4 * xd_d.size - 3 * x_d.size
 
 
 class Derived(Trajectory):
@@ -147,15 +147,17 @@ class _Shifted(Derived):
         (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
         if x_d.size == xd_d.size:
             return Desired(x_d + by, xd_d, xdd_d)
-        n = x_d.size - 4 * (x_d.size - xd_d.size)
+        n = _vector_rows(x_d, xd_d)
         turns = by[n:].reshape(-1, 3)
-        found = [x_d[:n] + by[:n]], [xd_d[:n]], [xdd_d[:n]]
-        for k, turn in enumerate(turns):
-            R, own = pin.exp3(turn), slice(n + 3 * k, n + 3 * k + 3)
-            found[0].append(turned(x_d[n + 4 * k : n + 4 * k + 4], turn))
-            found[1].append(R @ xd_d[own])
-            found[2].append(R @ xdd_d[own])
-        return Desired(*map(np.concatenate, found))
+        pairs = zip(x_d[n:].reshape(-1, 4), turns, strict=True)
+        x = np.append(x_d[:n] + by[:n], [turned(*both) for both in pairs])
+
+        def rotated(rates: np.ndarray) -> np.ndarray:
+            """Return velocities or accelerations with the angular ones turned."""
+            angular = zip(turns, rates[n:].reshape(-1, 3), strict=True)
+            return np.append(rates[:n], [pin.exp3(turn) @ rate for turn, rate in angular])
+
+        return Desired(x, rotated(xd_d), rotated(xdd_d))
 
 
 class Retimed(Derived):
@@ -239,19 +241,17 @@ class Quintic(Trajectory):
     settles: float
 
     def __init__(self, t: np.ndarray, x: np.ndarray, power: np.ndarray) -> None:
-        """Take times (N), positions (N, m) and coefficients (6, N - 1, m), those of t^5 first."""
+        """Take times (N), positions (N, m) and coefficients (k, N - 1, m), the highest first."""
         from scipy.interpolate import PPoly  # not needed to load a robot
 
-        self.t, self.x, self.extent, self.settles = t, x, half_diagonal(x), float(t[-1])
-        derivative = np.diag(np.arange(5.0, 0.0, -1.0), -1)  # of these six
-        speed = np.tensordot(derivative, power, 1)
-        rate = np.tensordot(derivative, speed, 1)
-        self._polynomials = PPoly(np.concatenate([power, speed, rate], axis=2), t)
+        self.t, self.x, self.settles = t, x, float(t[-1])
+        self.extent = 0.5 * float(np.linalg.norm(np.ptp(x, axis=0)))  # half the diagonal of its box
+        self._path = PPoly(power, t)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
         inside = min(max(t, self.t[0]), self.t[-1])
-        x_d, xd_d, xdd_d = self._polynomials(inside).reshape(3, -1)
+        x_d, xd_d, xdd_d = (self._path(inside, order) for order in range(3))
         return Desired(x_d, xd_d, xdd_d) if inside == t else Desired(x_d, 0.0 * xd_d, 0.0 * xdd_d)
 
 
@@ -290,11 +290,8 @@ class Waypoints(Quintic):
                 where="trajectory.points",
             )
         self.segment = positive(segment, "trajectory.segment")
-        of_move = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # minimum jerk
-        of_move /= self.segment ** np.arange(5.0, -1.0, -1.0)
-        power = np.multiply.outer(of_move, np.diff(self.points, axis=0))
-        power[5] = self.points[:-1]
-        super().__init__(self.segment * np.arange(len(self.points)), self.points, power)
+        t = self.segment * np.arange(len(self.points))
+        super().__init__(t, self.points, moves(self.points, np.full(len(t) - 1, self.segment)))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins at ``start`` (m), if its points are offsets."""
@@ -302,16 +299,20 @@ class Waypoints(Quintic):
         return self.starting_at(start) if self._relative and fits else self
 
 
+def moves(x: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return the coefficients (6, N - 1, m) of minimum-jerk moves through x (N, m) in T (N - 1)."""
+    shape = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
+    scale = shape[:, None] / T ** np.arange(5.0, -1.0, -1.0)[:, None]
+    power = scale[:, :, None] * np.diff(x, axis=0)
+    power[5] = x[:-1]
+    return power
+
+
 def minimum_jerk(u: float) -> tuple[float, float, float]:
     """Return s(u) = 10 u^3 - 15 u^4 + 6 u^5 with its first two derivatives, u from 0 to 1."""
     square, rest = u * u, 1.0 - u
     s = square * u * (10.0 - 15.0 * u + 6.0 * square)
     return s, 30.0 * square * rest * rest, 60.0 * u * rest * (rest - u)
-
-
-def half_diagonal(path: np.ndarray) -> float:
-    """Return half the diagonal of the box around a path (N, m) [m or rad]."""
-    return float(0.5 * np.linalg.norm(np.ptp(path, axis=0)))
 
 
 class TimeLaw(ABC):
@@ -369,7 +370,7 @@ class SlowedTime(TimeLaw):
     """s = t / slowness: the motion as it is, but slower all along.
 
     Attributes:
-        slowness: factor on all times, at least 1.
+        slowness: factor on all times.
         cause: what asks for it, in words.
     """
 
@@ -377,11 +378,9 @@ class SlowedTime(TimeLaw):
         """Take the factor and its cause.
 
         Raises:
-            InputError: it is below 1.
+            InputError: it is not positive.
         """
         self.slowness, self.cause = positive(slowness, "slowness", error=InputError), cause
-        if self.slowness < 1.0:
-            raise InputError(f"must be at least 1, got {slowness}.", where="slowness")
 
     def __repr__(self) -> str:
         """Return how much and why the motion is slower."""

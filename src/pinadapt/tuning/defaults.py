@@ -107,13 +107,16 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray,
     with density exp(-tr(W W) / 2): physical, and off by 30 %. Unknown translations are off by 10 %
     of their lengths.
     """
-    S, (theta, deviations) = _roots(robot, dynamics.bodies), _lengths(robot, dynamics)
+    S = _roots(robot, dynamics.bodies)
+    values = placed_values(robot.model, robot.frame_id, dynamics.translations)
+    sizes = [np.full(each.shape, np.sqrt(np.mean(each**2))) for each in values]
+    theta, size = (np.concatenate([np.zeros(0), *each]) for each in (values, sizes))
     drawn = np.random.default_rng(0).standard_normal((count, S.size + theta.size))
     G = drawn[:, : S.size].reshape(count, *S.shape)
     w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.swapaxes(-1, -2)))
     A = S @ U
     P = (A * np.exp(w)[..., None, :]) @ A.swapaxes(-1, -2)
-    return ten_parameters(P), theta + deviations * drawn[:, S.size :]
+    return ten_parameters(P), theta + LENGTH * size * drawn[:, S.size :]
 
 
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
@@ -125,14 +128,6 @@ def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
         for ten in tens
     ]
     return np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
-
-
-def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parameters (p) of the unknown translations and their standard deviations [m]."""
-    values = placed_values(robot.model, robot.frame_id, dynamics.translations)
-    deviations = [np.full(theta.shape, np.sqrt(np.mean(theta**2))) for theta in values]
-    theta, deviation = (np.concatenate([np.zeros(0), *each]) for each in (values, deviations))
-    return theta, LENGTH * deviation
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isinf
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from .._checks import arithmetic, instance, positive, word
 from ..adaptation.adaptation import Adaptation, Frozen
+from ..adaptation.least_squares import LeastSquares
 from ..adaptation.modifications import Leak
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
@@ -26,6 +28,7 @@ from ..laws.fast_feedback import FastFeedback
 from ..laws.law import NAMES, Law
 from ..models.delay_compensation import DelayCompensator
 from ..models.task_kinematics import TaskKinematics
+from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
 from ..records import Sensors
 from ..robot.changes import Load, Payload
@@ -46,10 +49,9 @@ from .rates import (
     ADAPTATIONS,
     KINEMATIC_ADAPTATIONS,
     MEMORIES,
+    METRICS,
     RATES,
-    default_kinematic_adaptation,
     dynamic_adaptation,
-    metric_of,
     predicting_kind,
     with_prediction_weight,
 )
@@ -136,10 +138,12 @@ def make_controller(
     fast, law = (law, law.law) if isinstance(law, FastFeedback) else (None, law)
     chosen = _law_type(law, robot)
     kinematics = nominal_kinematics(robot, unknown, chosen)
+    if robot.constraints:
+        kinematics.constraints = robot.constrained
     kind, kind_k = _kinds(adaptation, kinematic_adaptation, chosen, kinematics)
     modifying = chosen_modifications(modifications)
     rates = {name: gains.pop(name, None) for name in RATES}
-    lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
+    lengths = lumped_lengths(kinematics, unknown, METRICS.get(kind, kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
     if adaptation is None and kind == "natural" and chosen.remembers and dynamics.per_body:
@@ -212,7 +216,7 @@ def make_controller(
         nominal=nominal,
     )
     if not isinstance(adaptation, Adaptation) and rates["gamma_d"] is rates["gamma_joint"] is None:
-        share = stable_share_of_adaptation(controller, dt)
+        share = stable_share_of_adaptation(controller, motion, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     if applied.torque is not None and compensation is None:
         held = overloaded(robot, applied.torque, "the model")
@@ -227,8 +231,7 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
     Raises:
         InputError: an unknown name, no law, or a law of joint space for a task of the frame.
     """
-    instance(law, str | Law, "law")
-    chosen = LAWS[word(law, LAWS, "law")] if isinstance(law, str) else type(law)
+    chosen = type(law) if isinstance(law, Law) else LAWS[word(law, LAWS, "law")]
     if chosen.joint_space and not isinstance(robot.task, JointTask):
         raise InputError(
             f"the law '{chosen.name}' is for joint tasks; the task is '{robot.task.name}'.",
@@ -254,19 +257,28 @@ def _kinds(
 
     "none" for laws that do not adapt, "custom" for objects, "natural" for the default, which is in
     its metric.
+
+    The default of the kinematics is "least-squares" with a law that learns from positions where the
+    tool, the base or both are unknown, else "gradient". The prediction of a position is exact for
+    the true translations, whatever the torque does and however late the frame is, and least squares
+    averages the noise of frames. Where lengths of links are unknown too, a motion hardly separates
+    them, and a fast change of them disturbs the estimates of the inertias with which they are
+    multiplied. Published laws keep what is published.
     """
-    kind = _kind("natural" if adaptation is None else adaptation, "adaptation", ADAPTATIONS)
+    kind = "natural" if adaptation is None else _kind(adaptation, "adaptation", ADAPTATIONS)
     if law.learns_from_torque:
         kind = predicting_kind(kind, law.name)
-    kind_k = "none" if kind == "none" else default_kinematic_adaptation(law, kinematics)
+    if not law.adapts:
+        return "none", "none"
     if kinematic is not None:
-        kind_k = _kind(kinematic, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
-    return (kind, kind_k) if law.adapts else ("none", "none")
+        return kind, _kind(kinematic, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
+    few = all(part.joint in (None, FIRST) for part in kinematics.translations)
+    usual = LeastSquares.name if law.uses_position_error and few else "gradient"
+    return kind, "none" if kind == "none" else usual
 
 
 def _kind(adaptation: str | Adaptation, where: str, kinds: tuple[str, ...]) -> str:
-    instance(adaptation, str | Adaptation, where)
-    return word(adaptation, kinds, where) if isinstance(adaptation, str) else "custom"
+    return "custom" if isinstance(adaptation, Adaptation) else word(adaptation, kinds, where)
 
 
 def _tuned(
@@ -286,18 +298,13 @@ def _tuned(
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
         return law, motion.bandwidth * law.bandwidth_share
-    chosen = LAWS[law]
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
         gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
-    tuned = chosen.tuned(motion, dt, **gains)
-    share = 1.0
+    make: Any = LAWS[law].tuned
+    made, share = partial(make, motion, dt, **gains), 1.0
     if all(gains.get(name) is None for name in ("Kv", "Kp", "alpha")):
         share = stable_share_of_feedback(
-            lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion),
-            dt,
-            motion,
-            actuators,
-            K_f,
+            lambda share: made(share).feedback(motion), dt, motion, actuators, K_f
         )
-        tuned = tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
+    tuned = made(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share

@@ -150,13 +150,11 @@ def sensor_findings(controller: Controller, quality: SensorQuality) -> list[Find
     ]
 
 
-def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
+def stable_share_of_adaptation(controller: Controller, motion: TypicalMotion, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
-    motion = controller.motion
-    if motion is not None:
-        for part, _, radius in _parts(controller, motion, controller.limits.actuators):
-            if part == _DYNAMICS:
-                return _stable_share(partial(radius, dt))
+    for part, _, radius in _parts(controller, motion, controller.limits.actuators):
+        if part == _DYNAMICS:
+            return _stable_share(partial(radius, dt))
     return 1.0
 
 
@@ -272,10 +270,11 @@ class LinearisedJoints:
             InputError: actuators of another number of joints.
         """
         M, rotors = motion.mass_matrices, motion.robot.model.armature
-        self._left, self._right, self._posture = motion.right_inverses, motion.jacobians, None
+        self._left, self._right = motion.right_inverses, motion.jacobians
+        self._posture, self._bandwidth = np.zeros(M.shape), motion.bandwidth
         if of_task:  # the posture holds the rest
             self._posture = M @ (np.eye(M.shape[-1]) - self._left @ self._right)
-            self._left, self._bandwidth = M @ self._left, motion.bandwidth
+            self._left = M @ self._left
         else:
             self._left = M @ motion.unit_masses.swapaxes(1, 2)  # W^-1
             self._right = self._left.swapaxes(1, 2)
@@ -299,11 +298,9 @@ class LinearisedJoints:
         ``factor`` multiplies the bandwidth of S and D.
         """
         S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
-        K_P = _MARGIN * factor**2 * self._torque(S)
-        K_D = _MARGIN * self._torque(factor * D + N)
-        if self._posture is not None:
-            K_P = K_P + 0.25 * self._bandwidth**2 * self._posture
-            K_D = K_D + self._bandwidth * self._posture
+        w = self._bandwidth
+        K_P = _MARGIN * factor**2 * self._torque(S) + 0.25 * w**2 * self._posture
+        K_D = _MARGIN * self._torque(factor * D + N) + w * self._posture
         Phi, Gamma = self._held(dt)
         gains = np.concatenate([K_D @ self._C + self._fast, K_P], axis=2)
         return _median_radius(Phi - Gamma @ gains)

@@ -24,8 +24,6 @@ from ..models.bodies import ALL, chosen_bodies
 from ..models.dynamics import Dynamics
 from ..models.joint_effects import JointEffects
 from ..models.linear_kinematics import OFF
-from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import LOAD, Robot
 from .defaults import (
@@ -41,14 +39,14 @@ from .noise import Tuning
 
 MEMORIES = ("natural-memory", "composite-memory")
 FORGETTING = (*MEMORIES, LeastSquares.name)
-_METRICS = {
+METRICS = {
     "composite": "gradient",
     "natural-composite": "natural",
     "composite-memory": "gradient",
     "natural-memory": "natural",
     "least-squares": "gradient",
 }  # of the adaptations that predict the torque
-PREDICTING = tuple(_METRICS)
+PREDICTING = tuple(METRICS)
 ADAPTATIONS = ("natural", "gradient", "projected", *PREDICTING, "none")
 KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
 RATES = (
@@ -82,40 +80,21 @@ _WIDTH = 3.0
 _HORIZON = 2000.0
 
 
-def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
-    """Return the kind of kinematic adaptation of a controller that names none but adapts.
-
-    It is "least-squares" with a law that learns from positions where the tool, the base or both are
-    unknown, else "gradient". The prediction of a position is exact for the true translations,
-    whatever the torque does and however late the frame is, and least squares averages the noise
-    of frames. Where lengths of links are unknown too, a motion hardly separates them, and a fast
-    change of them disturbs the estimates of the inertias with which they are multiplied. Published
-    laws keep what is published.
-    """
-    few = all(part.joint in (None, FIRST) for part in kinematics.translations)
-    return LeastSquares.name if law.uses_position_error and few else "gradient"
-
-
-def metric_of(kind: str) -> str:
-    """Return the kind of adaptation in whose metric another moves: most in their own."""
-    return _METRICS.get(kind, kind)
-
-
 def predicting_kind(kind: str, law: str) -> str:
     """Return the kind of adaptation that predicts the torque in the metric of another.
 
     Raises:
         InputError: there is none.
     """
-    if kind in _METRICS or kind in ("none", "custom"):
+    if kind in METRICS or kind in ("none", "custom"):
         return kind
-    for name, metric in _METRICS.items():
+    for name, metric in METRICS.items():
         if metric == kind:
             return name
     raise InputError(
         f"the law '{law}' learns from the prediction of the torque alone; '{kind}' predicts none.",
         where="adaptation",
-        hint=f"Take one of {list(_METRICS)}.",
+        hint=f"Take one of {list(METRICS)}.",
     )
 
 
@@ -148,7 +127,7 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
             unit = Stacked(_of_joints(1.0, typical, joints.signed))
             gamma = rate_for(law.joint_mode * w, effects[..., size:], unit, Estimate(typical))
         moved = Stacked([(moved, size), *_of_joints(gamma, typical, joints.signed)])
-    if kind in _METRICS:
+    if kind in METRICS:
         moved = predicting(kind, moved, tuning, share)
     return law.guarded(moved, dynamics)
 
@@ -169,7 +148,7 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
     robot = tuning.motion.dynamics.bare(tuning.motion.robot)
     if not dynamics.size:
         return Frozen()
-    if metric_of(kind) == "natural":
+    if METRICS.get(kind, kind) == "natural":
         cone = _cone(robot, dynamics, tuning.lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
@@ -264,7 +243,10 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
     w, motion, mode = tuning.bandwidth, tuning.motion, tuning.law.prediction_mode
     low_pass, torques = tuning.rate("prediction_filter", w), typical_torques(moved, motion)
     if kind in MEMORIES:
-        rate = tuning.rate("prediction_rate", mode * w)
+        rate, dynamics = tuning.rate("prediction_rate", mode * w), motion.dynamics
+        friction = set(JointEffects(motion.robot, ("viscous", "coulomb")).names)
+        whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
+        explains_all = whole and friction.issubset(dynamics.names)
         unit = _WIDTH**2 * _unit(moved, motion)  # P = unit Gamma
         variance, prior = _NOISE**2 * unit * torques, None
         if tuning.jitter:
@@ -281,7 +263,7 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
             noise=np.sqrt(variance + tuning.quality.tau**2),
             forgetting=tuning.rate("forgetting", w),
             share=1.0 / unit,
-            doubt=1.0 if explains_all(motion) else _DOUBT,
+            doubt=1.0 if explains_all else _DOUBT,
             interval=0.5 / rate,
             unit=1.0 / _WIDTH**2,
             prior=prior,
@@ -314,14 +296,6 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
         return 1.0
     Gamma = adaptation.gain(typical_start(adaptation, motion))
     return float(np.median(prior / np.diag(Gamma)[: len(prior)]))
-
-
-def explains_all(motion: TypicalMotion) -> bool:
-    """Return whether all bodies and the friction of all joints are among the parameters."""
-    kinds, dynamics = ("viscous", "coulomb"), motion.dynamics
-    friction = set(JointEffects(motion.robot, kinds).names)
-    whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
-    return friction.issubset(dynamics.names) and whole
 
 
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:

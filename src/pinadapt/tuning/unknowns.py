@@ -28,7 +28,7 @@ from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
-from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
+from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
 from ..robot.robot import Robot
 from ..tasks.frame import ComTask, ImageTask
 from ..tasks.several_frames import FramesTask
@@ -37,21 +37,9 @@ from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
-WORDS = (
-    TOOL,
-    BASE,
-    TRACKER,
-    GEOMETRY,
-    LENGTHS,
-    "bodies",
-    PAYLOAD,
-    "friction",
-    "armature",
-    *EFFECTS,
-)
+_FLAGS = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
+WORDS = (*_FLAGS, "bodies", PAYLOAD, *EFFECTS)
 _FRICTION = ("viscous", "coulomb")
-
-Words = str | Sequence[str | Translation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +145,7 @@ class Unknown:
             return given
         words = [word(name, WORDS, "unknown") for name in name_list(given, "unknown")]
         bodies = "all" if "bodies" in words else PAYLOAD if PAYLOAD in words else "none"
-        flags = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
-        chosen: dict[str, Any] = {name: name in words for name in flags}
+        chosen: dict[str, Any] = {name: name in words for name in _FLAGS}
         return cls(bodies=bodies, effects=[name for name in words if name in EFFECTS], **chosen)
 
     def with_names(
@@ -209,30 +196,15 @@ class Unknown:
             words.append(TOOL)
         return words
 
-    def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
-        """Return the unknown joint coefficients, those by default unless stated otherwise."""
-        usual = chosen_kinds(default)
-        said = {kind: self.armature if kind == "armature" else self.friction for kind in USUAL}
-        kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
-        return *kinds, *chosen_kinds(self.effects)
-
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
-    """Return the kinematics of the model, with the constraints of the robot.
+    """Return the kinematics of the model, without the constraints of the robot.
 
     By default the tool is unknown, of a joint task and of a robot that stands nothing.
 
     Raises:
         InputError: unknown translations that cannot be used, or not by this law.
     """
-    kinematics = _kinematics_of_task(robot, unknown, law)
-    if robot.constraints:
-        kinematics.constraints = robot.constrained
-    return kinematics
-
-
-def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
-    """Return the kinematics of the task; see ``nominal_kinematics``."""
     if isinstance(robot.task, JointTask | ComTask):
         known = JointKinematics if isinstance(robot.task, JointTask) else ComKinematics
         return known(robot, unknown.translation_words(tool=False))
@@ -242,25 +214,17 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     if isinstance(robot.task, FramesTask):
         return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
-    if geometry and (tracked or set(others) - {TOOL}):
+    filmed = isinstance(robot.task, ImageTask)
+    if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
         raise ParameterError(
-            f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base, and nothing "
-            f"stands beside it; got {[TRACKER] * tracked + others}.",
+            f"'{GEOMETRY}' contains base, joints and tool, and stands alone; '{TRACKER}' is of "
+            "measured positions; with the task 'image' the camera is unknown in place of both.",
             where="unknown.translations",
             hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
-    if isinstance(robot.task, ImageTask):
-        if tracked or geometry:
-            raise ParameterError(
-                f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
-                f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
-                where="unknown.translations",
-                hint='Take ["camera", "tool"].',
-            )
-        place, kinematics = (
-            CAMERA,
-            CameraKinematics(robot, [word for word in others if word != CAMERA]),
-        )
+    if filmed:
+        others = [word for word in others if word != CAMERA]
+        place, kinematics = CAMERA, CameraKinematics(robot, others)
     elif geometry:
         place, kinematics = GEOMETRY, FrameKinematics(robot, GEOMETRY)
     elif tracked:  # it contains the position of the base
@@ -294,7 +258,10 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    kinds = unknown.joint_kinds(joint)
+    usual, own = chosen_kinds(joint), {"armature": unknown.armature}
+    said = {kind: own.get(kind, unknown.friction) for kind in USUAL}
+    kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
+    kinds += chosen_kinds(unknown.effects)
     stacked = bool(kinds) or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case

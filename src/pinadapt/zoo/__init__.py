@@ -3,5 +3,4 @@
 from .experiment import ZooCase as ZooCase
 from .experiment import run_zoo as run_zoo
 from .experiment import zoo_case as zoo_case
-from .experiment import zoo_names as zoo_names
 from .experiment import zoo_numbers as zoo_numbers

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._checks import whole
 from .._output import Record
 from ..controller.controller import PERIOD
 from ..controller.limits import Limits
-from ..description.catalogue import catalogue, catalogue_entry
+from ..description.catalogue import catalogue_entry
 from ..description.chain import effort_limits
 from ..exceptions import PinadaptError
 from ..laws import DEFAULT
@@ -28,10 +27,10 @@ from ..robot.motors import overloaded
 from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
-from ..rollout.recording import extreme
+from ..rollout.recording import ACCURATE, extreme
+from ..rollout.recording import TURN as SWING
 from ..rollout.rollout import Rollout
-from ..rollout.summary import ACCURATE, BETTER
-from ..rollout.summary import TURN as SWING
+from ..rollout.summary import BETTER
 from ..scenario.template import FRICTION
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
@@ -156,12 +155,6 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
 
 
-def zoo_names(task: str = POSITION) -> list[str]:
-    """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
-    least = 6 if task == POSE else 0  # position and orientation
-    return [name for name, entry in catalogue().items() if entry.joints >= least]
-
-
 def zoo_numbers(
     robot: str,
     law: str = DEFAULT,
@@ -188,37 +181,27 @@ def zoo_numbers(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
-            row |= _measured(robot, law, case_seed, task, adaptation or None)
+            case = zoo_case(robot, case_seed, POSE if task == POSE else None)
+            adapted = _run(case, law, adaptation or None, case.duration)
+            unadapted = _run(case, law, "none", case.repeating)
+            row |= {
+                "joints": case.true.model.nv,
+                "radius": case.radius,
+                "unadapted": _last(case, unadapted, unadapted.distance),
+                "adapted": _last(case, adapted, adapted.distance),
+                "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+                "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+                "unadapted_angle": _last(case, unadapted, unadapted.angle),
+                "adapted_angle": _last(case, adapted, adapted.angle),
+            }
+            row["verdict"] = _verdict(case, row, adapted)
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
 
 
-def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> Row:
-    """Return what both runs of a robot gave, with the verdict."""
-    case = zoo_case(name, seed, POSE if task == POSE else None)
-    adapted = _run(case, law, adaptation, case.duration)
-    unadapted = _run(case, law, "none", case.repeating)
-    found = {
-        "joints": case.true.model.nv,
-        "radius": case.radius,
-        "unadapted": _last(case, unadapted, unadapted.distance),
-        "adapted": _last(case, adapted, adapted.distance),
-        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
-        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
-        "unadapted_angle": _last(case, unadapted, unadapted.angle),
-        "adapted_angle": _last(case, adapted, adapted.angle),
-    }
-    return {**found, "verdict": _verdict(case, found, adapted)}
-
-
 def run_zoo(
-    names: Sequence[str],
-    law: str = DEFAULT,
-    *,
-    seed: int = 0,
-    processes: int | None = None,
-    task: str = POSITION,
+    names: Sequence[str], processes: int | None = None, task: str = POSITION
 ) -> Iterator[Row]:
     """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
@@ -226,8 +209,6 @@ def run_zoo(
 
     Args:
         names: names in the catalogue.
-        law: an adaptive law (default: separation).
-        seed: of friction, tools and model errors (default: 0).
         processes: number of processes, 0 for none besides this one; None: one per core.
         task: position, a circle (default), or pose, a circle with a swinging tool, for chains of
             six and more joints.
@@ -235,10 +216,10 @@ def run_zoo(
     Raises:
         RobotError: a name is not in the catalogue.
     """
-    whole(seed, "seed", 0)
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    fixed = {"law": law, "task": task, "case_seed": seed}
-    plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
+    plan = Plan(
+        function=zoo_numbers, case=[{"robot": name, "task": task} for name in longest_first]
+    )
     for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
