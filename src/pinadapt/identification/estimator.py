@@ -623,8 +623,9 @@ class Estimator:
             own = np.flatnonzero(np.isin(at, self._carried))
             parts = load[at[own] - self._columns]  # the last ones of the columns
             S[j][own, own] = share
-            S[j][own, np.searchsorted(at, gear)] = parts
-            S[j][own, -1] = share * parts
+            if gear in at:  # else the joint has no gravity torque, and this share is as described
+                S[j][own, np.searchsorted(at, gear)] = parts
+                S[j][own, -1] = share * parts
         return S
 
     def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
