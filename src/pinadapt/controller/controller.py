@@ -32,13 +32,15 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
+from .clock import LATEST
 from .constraint_forces import ConstraintForces, Missed
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
-from .sensing import LATEST, Guards, Senses, row
+from .residuals import Guards
+from .sensing import Senses
 from .state import ControllerState
 
 _HELD = Frozen()
@@ -497,7 +499,7 @@ class Controller:
             torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = row(sensed.trail, kernels.DISPLACED)
+            displaced = sensed.trail.joints["displaced"]
             if not hold:
                 displaced[:] = 0.0
             most = math.inf if limits is None else _SPRING * limits
@@ -717,7 +719,7 @@ class Controller:
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
             if self.limits.torque is not None:
                 of_model = filtered.error(s.a_0)  # which no estimate explains away
-                self.senses.check_momentum(
+                self.senses.guards.check_momentum(
                     sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
                 )
         still = resting and not (xd_d.any() or xdd_d.any())
@@ -738,13 +740,9 @@ class Controller:
         time [s]. Without a period dt [s] the time is not checked.
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
-        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, math.inf
-        if dt is not ...:
-            elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
-            since = measurement.t - state.t if guards.clock else elapsed
-        sensed, resting, measurement = self.senses.read(
-            before, state.t, measurement, self.kinematics, state.kinematic.value, since,
-            getattr(state.torque_filter, "tau", None),
+        sensed, resting, measurement, elapsed = self.senses.read(
+            state.sensed, state.t, measurement, self.kinematics, state.kinematic.value, dt,
+            self.period, getattr(state.torque_filter, "tau", None),
         )  # fmt: skip
         return sensed, resting, measurement, desired, elapsed
 

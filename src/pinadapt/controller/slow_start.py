@@ -31,7 +31,8 @@ from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
 from .controller import Controller, believed
 from .first_samples import remember
 from .governor import PathTime
-from .sensing import Guards, Senses
+from .residuals import Guards
+from .sensing import Senses
 from .state import ControllerState
 
 AXES = "unknown axes"  # the cause for which the path waits

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import flag
-from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
 from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
@@ -16,7 +15,7 @@ from ..records import Desired, Measurement
 from ..robot.changes import Load
 from .constraint_forces import Missed
 from .governor import PathTime
-from .sensing import LASTS, row
+from .residuals import LASTS
 
 _NOTHING = SensedState(np.array([]), np.array([]))
 _NO_FOOTING = np.zeros((0, 3))
@@ -95,7 +94,7 @@ class ControllerState(NamedTuple):
     @property
     def bridged(self) -> Bridged:
         """How many samples were replaced by a prediction since the start."""
-        return Bridged(*self.sensed.trail[: kernels.BRIDGED].astype(int).tolist())
+        return Bridged(*self.sensed.trail.bridged)
 
     @property
     def unseen(self) -> np.ndarray:
@@ -103,7 +102,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        return row(self.sensed.trail, kernels.UNSEEN) > LASTS
+        return np.asarray(self.sensed.trail.joints["unseen"] > LASTS)
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
