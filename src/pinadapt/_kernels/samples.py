@@ -12,21 +12,13 @@ from .._compiled import compiled
 FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
-BOUNDS = np.dtype(
-    [
-        (name, float)
-        for name in ("fastest", "tolerance", "leap", "clear", "slow", "lowest", "highest")
-    ]
-)  # of a joint, see ``Guards``
-JOINT = np.dtype(
-    [
-        (name, float)
-        for name in (
-            *("rate", "raw_q", "raw_v", "jitter", "residual", "way", "change", "still_q"),
-            *("still_v", "kind", "size", "bound", "distrust", "unseen", "displaced"),
-        )
-    ]
-)  # what is kept of a joint to compare the next sample with
+_OF_BOUNDS = "fastest", "tolerance", "leap", "clear", "slow", "lowest", "highest"
+_OF_JOINT = (
+    *("rate", "raw_q", "raw_v", "jitter", "residual", "way", "change", "still_q", "still_v"),
+    *("kind", "size", "bound", "distrust", "unseen", "displaced"),
+)
+BOUNDS = np.dtype([(name, float) for name in _OF_BOUNDS])  # of a joint, see ``Guards``
+JOINT = np.dtype([(name, float) for name in _OF_JOINT])  # what is kept of one, for the next sample
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -39,15 +31,15 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 # late, double: counts of an encoder shake it
 
 
-def _records(kind: np.dtype) -> str:
-    """Return an array of records as a signature names it."""
-    fields = ", ".join(f"('{name}', f8)" for name in kind.names or ())
+def _records(names: tuple[str, ...]) -> str:
+    """Return an array of records of these numbers as a signature names it."""
+    fields = ", ".join(f"('{name}', f8)" for name in names)
     return f"Record.make_c_struct([{fields}])[::1]"
 
 
 @compiled(
-    f"i8(f8[:], f8[:], f8[:], f8, f8, b1, {_records(BOUNDS)}, i8[::1], {_records(JOINT)},"
-    f" {_records(JOINT)}, f8[::1], f8[::1], f8[::1])",
+    f"i8(f8[:], f8[:], f8[:], f8, f8, b1, {_records(_OF_BOUNDS)}, i8[::1], {_records(_OF_JOINT)},"
+    f" {_records(_OF_JOINT)}, f8[::1], f8[::1], f8[::1])",
     fills=4,
 )
 def check_joints(
@@ -221,8 +213,8 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
 
 
 @compiled(
-    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:], f8[:],"
-    " f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
+    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:],"
+    " f8[:], f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
 )
 def path_rate(
     dx: np.ndarray,
@@ -247,18 +239,18 @@ def path_rate(
     rate: float,
     acceleration: float,
     ahead: float,
-    factor: np.ndarray,
+    factors: np.ndarray,
 ) -> int:
-    """Fill factor (1) with the smallest of the governor's factors and return which one it is.
+    """Fill factors (3 + 3 n) with those of the governor and return which one is the smallest.
 
-    0: none is below 1; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed
-    of joint i. See ``Governor``. The velocity of the joints for the path at full rate is the larger
+    0: one; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed of joint i.
+    See ``Governor``. The velocity of the joints for the path at full rate is the larger
     of J^+ x_d' and J^+ (x_d' + ahead ds/dt x_d''), with J^+ = J^T gram_inverse, x_d' = xd_d / rate
     and x_d'' (ds/dt)^2 = xdd_d - x_d' d^2s/dt^2. A factor f below the rate becomes f (f / rate)^2:
     the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
-    n, m, found, least = len(q), len(xd_d), 0, 1.0
-    place, turn, joint = 0.0, 0.0, 0.0
+    n, m, place, turn, joint = len(q), len(xd_d), 0.0, 0.0, 0.0
+    factors[:] = 1.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
         if positions < 0:
@@ -270,18 +262,15 @@ def path_rate(
     e = max(joint, np.sqrt(max(place, turn)))
     # 1 up to slow, creep from 1 to hold - 1, 0 from hold on
     bound = max(creep, 1.0 - (1.0 - creep) * (e - slow) / (1.0 - slow))
-    bound = min(bound, creep * (hold - e))
-    if e > slow and bound < least:
-        found, least = 1, max(bound, 0.0)
-    if late > 0.0 and 1.0 - late < least:
-        found, least = 2, max(1.0 - late, 0.0)
+    if e > slow:
+        factors[1] = max(min(bound, creep * (hold - e)), 0.0)
+    factors[2] = min(max(1.0 - late, 0.0), 1.0)
     moving = rate >= 1e-6
     lead_s = ahead if rate >= 1e-2 else 0.0
     for i in range(n):
         share = abs(torque[i]) / effort_limits[i]
-        bound = max((1.0 - share) / (1.0 - effort), 0.0)
-        if share > effort and bound < least:
-            found, least = 3 + i, bound
+        if share > effort:
+            factors[3 + i] = max((1.0 - share) / (1.0 - effort), 0.0)
         if not moving:
             continue
         speed, now = 0.0, 0.0
@@ -296,13 +285,10 @@ def path_rate(
             speed = now
         room = upper[i] - q[i] if speed > 0.0 else q[i] - lower[i]
         if room < lead * abs(speed):
-            bound = max(room / (lead * abs(speed)), creep)
-            if bound < least:
-                found, least = 3 + n + i, bound
+            factors[3 + n + i] = max(room / (lead * abs(speed)), creep)
         bound = velocity_limits[i] / max(abs(speed), 1e-300)
         if bound < rate:
             bound *= (bound / rate) ** 2
-        if bound < least:
-            found, least = 3 + 2 * n + i, bound
-    factor[0] = least
-    return found
+        if bound < 1.0:
+            factors[3 + 2 * n + i] = bound
+    return int(factors.argmin())

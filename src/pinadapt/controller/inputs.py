@@ -46,13 +46,18 @@ class InputCheck:
         """
         try:
             t, q, v, x, x_time, xd, a, _, w = measurement
-            estimates = state.dynamic.value, state.kinematic.value, state.a_0
-            needed = self._q, self._v, self._x, self._m, self._m
+            (x_d, xd_d, xdd_d), (a_d, a_k, a_0) = desired, self._estimates
             fits = (
                 state.__class__ is ControllerState
                 and desired.__class__ is Desired
-                and all(map(_is, (q, v, *desired), needed))
-                and all(map(_is, estimates, self._estimates))
+                and _is(q, self._q)
+                and _is(v, self._v)
+                and _is(x_d, self._x)
+                and _is(xd_d, self._m)
+                and _is(xdd_d, self._m)
+                and _is(state.dynamic.value, a_d)
+                and _is(state.kinematic.value, a_k)
+                and _is(state.a_0, a_0)
                 and (x is None or _is(x, self._x))
                 and (xd is None or _is(xd, self._m))
                 and (w is None or _is(w, self._v))

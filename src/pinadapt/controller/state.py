@@ -9,7 +9,6 @@ import numpy as np
 
 from .._checks import flag
 from ..adaptation.adaptation import Estimate
-from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
@@ -144,9 +143,6 @@ class ControllerState(NamedTuple):
             used += array.size
             return values[used - array.size : used].reshape(array.shape)
 
-        size = self.flat().size
-        if size != values.size:
-            raise InputError(f"expected {size} floats, got {values.size}.", where="values")
         return self._mapped(take)
 
     def _mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ControllerState:

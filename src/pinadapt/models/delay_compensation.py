@@ -75,7 +75,7 @@ class SensedState(NamedTuple):
     X_k: np.ndarray = np.zeros((0, 0))
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
-    first: np.ndarray | None = None
+    first: Any = None
     trail: Any = None
 
 
