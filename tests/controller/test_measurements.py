@@ -266,6 +266,8 @@ def test_a_step_from_the_state_of_safe_keeps_to_what_it_has_found():
         list(loop.samples(0.15))
     for _ in loop.rest(0.02):
         pass
+    torque, loop.state = loop.controller.safe(loop.state)  # a message is lost
+    loop.send(torque)
     loop.liar = None
     with pytest.raises(pa.ImplausibleError, match=r"'v' is .*: joint"):
         list(loop.samples(0.05))

@@ -180,7 +180,7 @@ def check_joints(
         if kind != STOPPED:
             new["jitter"] = max(leak * old["jitter"], abs(speed - rate))
         new["kind"], new["size"], new["bound"] = kind, size, bound
-        if kind == FOLLOWS and distrust != 0.0:  # why it is distrusted
+        if kind <= MISSING and distrust != 0.0:  # why it is distrusted
             new["kind"], new["size"], new["bound"] = old["kind"], old["size"], old["bound"]
         new["still_q"], new["still_v"], new["distrust"] = still_q, still_v, distrust
         new["unseen"] = old["unseen"] + dt if no_q and no_v else 0.0
