@@ -113,11 +113,8 @@ def check_joints(
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
         r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
-        R_before, D_before, C_before = (
-            leak * old["residual"],
-            leak * old["way"],
-            leak * old["change"],
-        )
+        R_before, D_before = leak * old["residual"], leak * old["way"]
+        C_before = leak * old["change"]
         R, D, C_late = R_before + r, D_before + way, _LATE * (C_before + speed - rate)
         same = q[k] == old["raw_q"]
         still_q = old["still_q"] + dt if same else 0.0

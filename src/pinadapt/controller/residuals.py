@@ -141,23 +141,17 @@ class FrameFit:
     deviation: float
 
     def after(
-        self,
-        fit: Explained | None,
-        X: np.ndarray,
-        a_k: np.ndarray,
-        error: np.ndarray,
-        moved: float,
+        self, trail: Trail, X: np.ndarray, a_k: np.ndarray, error: np.ndarray
     ) -> tuple[float, float, Explained | None]:
         """Return the size of r, its bound [m], and the fit with a frame that is within it.
 
         Args:
-            fit: to the frames before; None: there was none.
+            trail: with the fit to the frames before.
             X: (m_p, p) regressor of the frame.
             a_k: (p) the estimate [m].
             error: (m_p) the prediction error of that [m].
-            moved: the way of all joints until now [rad and m].
         """
-        n, bound = len(self.prior), CERTAIN * self.deviation
+        n, bound, fit, moved = len(self.prior), CERTAIN * self.deviation, trail.fit, trail.shared[1]
         value, sums, since = fit or Explained(np.zeros(n), np.zeros((n, n + 1)))
         near = moved - since <= _FRAME
         if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
@@ -308,25 +302,19 @@ class Guards:
         return sample._replace(tau=None)
 
     def bridge_frame(
-        self,
-        sample: Measurement,
-        error: np.ndarray,
-        X_k: np.ndarray,
-        a_k: np.ndarray,
-        trail: Trail,
+        self, sample: Measurement, sensed: SensedState, a_k: np.ndarray, trail: Trail
     ) -> tuple[Measurement, Trail]:
         """Return a sample without a frame that does not follow, and the trail, where it counts.
 
-        The prediction error (m_p) [m] is that of the estimate a_k (p) when the frame was taken, and
-        X_k (m_p, p) its regressor.
+        What is known with the frame has the prediction error of the estimate a_k (p) [m].
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
         if self.frames is None:
-            size, bound, fit = float(np.linalg.norm(error)), self.farthest, None
+            size, bound, fit = float(np.linalg.norm(sensed.epsilon)), self.farthest, None
         else:
-            size, bound, fit = self.frames.after(trail.fit, X_k, a_k, error, trail.shared[1])
+            size, bound, fit = self.frames.after(trail, sensed.X_k, a_k, sensed.epsilon)
         if size > bound:
             self._bridge(_MOVED, sample, size, bound, trail)
             return sample._replace(x=None, x_time=None, xd=None), trail

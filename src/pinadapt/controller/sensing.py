@@ -120,8 +120,7 @@ class Senses:
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         if kinematics.positions and x is not None:
             if not late or sensed.frame is not before.frame:
-                frame = sensed.epsilon, sensed.X_k, a_k, trail
-                measurement, trail = guards.bridge_frame(measurement, *frame)
+                measurement, trail = guards.bridge_frame(measurement, sensed, a_k, trail)
             if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
         sensed = SensedState(*sensed[:-2], first, trail)
