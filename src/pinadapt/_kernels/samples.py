@@ -8,25 +8,17 @@ import numpy as np
 
 from .._compiled import compiled
 
-# What is wrong with a joint, and from TURNED on with the rest of a sample.
-(
-    FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT, TURNED, MOVED, STRONG, OTHER, AGAINST,
-) = range(12)  # fmt: skip
+# What is wrong with a joint.
+FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
-# Rows of bounds, one number a joint; see ``Guards``.
-FASTEST, TOLERANCE, LEAP, CLEAR, SLOW, LOWEST, HIGHEST = range(7)
-
-# The trail: what is kept of the samples to compare the next one with. By channel how many were
-# bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
-# joints; and then ROWS numbers of each joint.
-(
-    JOINTS, FRAME, TORQUE, TIME, BRIDGED, _, _, _, STEPPED, STEP, SINCE, TRAIL,
-) = range(12)  # fmt: skip
-(
-    RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, SIZE, BOUND,
-    DISTRUST, UNSEEN, DISPLACED, ROWS,
-) = range(16)  # fmt: skip
+_OF_BOUNDS = "fastest", "tolerance", "leap", "clear", "slow", "lowest", "highest"
+_OF_JOINT = (
+    *("rate", "raw_q", "raw_v", "jitter", "residual", "way", "change", "still_q", "still_v"),
+    *("kind", "size", "bound", "distrust", "unseen", "displaced"),
+)
+BOUNDS = np.dtype([(name, float) for name in _OF_BOUNDS])  # of a joint, see ``Guards``
+JOINT = np.dtype([(name, float) for name in _OF_JOINT])  # what is kept of one, for the next sample
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -39,9 +31,16 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 # late, double: counts of an encoder shake it
 
 
+def _records(names: tuple[str, ...]) -> str:
+    """Return an array of records of these numbers as a signature names it."""
+    fields = ", ".join(f"('{name}', f8)" for name in names)
+    return f"Record.make_c_struct([{fields}])[::1]"
+
+
 @compiled(
-    "i8(f8[:], f8[:], f8[:], f8, f8, f8[:,::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
-    fills=3,
+    f"i8(f8[:], f8[:], f8[:], f8, f8, b1, {_records(_OF_BOUNDS)}, i8[::1], {_records(_OF_JOINT)},"
+    f" {_records(_OF_JOINT)}, f8[::1], f8[::1], f8[::1])",
+    fills=4,
 )
 def check_joints(
     q: np.ndarray,
@@ -49,17 +48,19 @@ def check_joints(
     v: np.ndarray,
     dt: float,
     decay: float,
+    begun: bool,
     bounds: np.ndarray,
     places: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
+    shared: np.ndarray,
     q_used: np.ndarray,
     v_used: np.ndarray,
 ) -> int:
     """Write q and v (n) as far as they follow; return 2 if something may not, 1 at rest, else 0.
 
-    ``after`` becomes ``before`` with the sample added. With the residual r = dq - v dt (trapezoid)
-    and sums that forget over 0.2 s, R = sum r, D = sum dq, C = sum dv, a joint is
+    With the residual r = dq - v dt (trapezoid) and sums that forget over 0.2 s, R = sum r, D = sum
+    dq, C = sum dv, a joint is
 
     * MISSING: q or v is not finite.
     * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
@@ -84,32 +85,27 @@ def check_joints(
         v: (n) joint velocity [rad/s or m/s].
         dt: since the sample before [s].
         decay: of the velocity of which nothing is used, as of an arm that is damped [1/s].
-        bounds: (7, n), see ``Guards``.
+        begun: whether there was a step before.
+        bounds: (n) of ``BOUNDS``, see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
-        before: the trail.
-        after: the trail with this sample.
+        before: (n) of ``JOINT``, at the sample before.
+        after: (n) the same with this sample.
+        shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m]; the
+            sample is added.
         q_used: (nq) of the sample, as far as it is used.
         v_used: (n) the same.
     """
-    n = len(v)
-    for k in range(len(after)):
-        after[k] = before[k]
     for k in range(len(q)):
         q_used[k] = q[k]
-    if dt > 0.0:
-        after[BRIDGED + TIME] = 0.0
-    elif before[STEPPED] != 0.0:
-        after[BRIDGED + TIME] += 1.0
-        after[TIME] += 1.0
-    for i in range(n):
-        change = abs(v[i] - before[TRAIL + ROWS * i + RAW_V])
-        if change > 0.0 and not 0.0 < after[STEP] < change:
-            after[STEP] = change
+    for i in range(len(v)):
+        change = abs(v[i] - before[i]["raw_v"])
+        if change > 0.0 and not 0.0 < shared[0] < change:
+            shared[0] = change
     leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
-    for i in range(n):
-        at, k, plain, speed = TRAIL + ROWS * i, places[i], places[i + 1] == places[i] + 1, v[i]
-        rate, way, circle = before[at + RATE], q[k] - q_before[k], True
-        resting &= abs(speed) < bounds[SLOW, i]
+    for i in range(len(v)):
+        old, new, most, k, speed = before[i], after[i], bounds[i], places[i], v[i]
+        rate, way, circle, plain = old["rate"], q[k] - q_before[k], True, places[i + 1] == k + 1
+        resting &= abs(speed) < most["slow"]
         if not plain:
             circle = abs(q[k] ** 2 + q[k + 1] ** 2 - 1.0) < 0.02
             way = math.atan2(
@@ -117,43 +113,42 @@ def check_joints(
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
         r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
-        R_before = leak * before[at + RESIDUAL]
-        R, D = R_before + r, leak * before[at + WAY] + way
-        C_late = _LATE * (leak * before[at + CHANGE] + speed - rate)
-        same = q[k] == before[at + RAW_Q]
-        still_q = before[at + STILL_Q] + dt if same else 0.0
-        still_v = before[at + STILL_V] + dt if speed == before[at + RAW_V] else 0.0
+        R_before, D_before = leak * old["residual"], leak * old["way"]
+        C_before = leak * old["change"]
+        R, D, C_late = R_before + r, D_before + way, _LATE * (C_before + speed - rate)
+        same = q[k] == old["raw_q"]
+        still_q = old["still_q"] + dt if same else 0.0
+        still_v = old["still_v"] + dt if speed == old["raw_v"] else 0.0
 
-        tolerance, fastest = bounds[TOLERANCE, i], bounds[FASTEST, i]
-        apart = tolerance + MEMORY * after[STEP]
+        tolerance = most["tolerance"]
+        apart = tolerance + MEMORY * shared[0]
         if max(still_q, still_v) <= _REPEATED:
             apart += _SHARE * max(abs(D), abs(D - R))
         elif still_v > _REPEATED and speed != 0.0:
             apart, C_late = apart - 0.5 * tolerance, 0.0
         R -= min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
         jump = tolerance + 2.0 * dt * max(abs(speed), abs(rate))
-        leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
-        inside = bounds[LOWEST, i] <= q[k] <= bounds[HIGHEST, i]
-        distrust = before[at + DISTRUST]
+        leap = abs(speed - rate) > most["leap"] and abs(way - rate * dt) < abs(r)
+        inside = most["lowest"] <= q[k] <= most["highest"]
+        distrust = old["distrust"]
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
-        clear = max(bounds[CLEAR, i], _AT_ONCE * before[at + JITTER])
-        stopped = same and speed == 0.0 and abs(rate) > clear
+        clear = max(most["clear"], _AT_ONCE * old["jitter"])
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING
         elif leap:
-            kind, size, bound = SPIKE, speed - rate, bounds[LEAP, i]
-        elif abs(speed) > fastest:
-            kind, size, bound = SPIKE, speed, fastest
+            kind, size, bound = SPIKE, speed - rate, most["leap"]
+        elif abs(speed) > most["fastest"]:
+            kind, size, bound = SPIKE, speed, most["fastest"]
         elif abs(r) > jump or not circle:
             kind, size, bound = JUMP, r, jump
-        elif plain and before[STEPPED] == 0.0 and not inside:
-            kind, size, bound = OUT, q[k], bounds[HIGHEST if q[k] > 0.0 else LOWEST, i]
+        elif plain and not begun and not inside:
+            kind, size, bound = OUT, q[k], most["highest"] if q[k] > 0.0 else most["lowest"]
         elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
             kind, size, bound = APART, R, apart
-        elif stopped:
+        elif same and speed == 0.0 and abs(rate) > clear:
             kind, size, bound = STOPPED, rate, clear
         if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
             distrust = NO_V
@@ -162,36 +157,32 @@ def check_joints(
         no_v |= distrust >= NO_V or kind == SPIKE
         no_q |= distrust % NO_V == NO_Q or (kind == JUMP and not no_v)
 
-        v_used[i] = speed
+        used = speed
         if no_q and no_v:
-            v_used[i] = rate * math.exp(-decay * dt)
+            used = rate * math.exp(-decay * dt)
         elif no_v:
-            v_used[i] = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
+            used = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
         if no_q:
-            way = 0.5 * dt * (rate + v_used[i])
+            way = 0.5 * dt * (rate + used)
             q_used[k] = q_before[k] + way
             if not plain:
                 q_used[k] = math.cos(way) * q_before[k] - math.sin(way) * q_before[k + 1]
                 q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
-        turned += abs(way)
+        v_used[i], turned = used, turned + abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
-        after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + RESIDUAL] = R_before + (0.0 if no_q or no_v else r)
-        after[at + WAY] = leak * before[at + WAY] + way
-        after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
+        new["rate"], new["raw_q"], new["raw_v"] = used, q[k], speed
+        new["residual"] = R_before + (0.0 if no_q or no_v else r)
+        new["way"], new["change"] = D_before + way, C_before + used - rate
+        new["jitter"] = old["jitter"]
         if kind != STOPPED:
-            after[at + JITTER] = max(leak * before[at + JITTER], abs(speed - rate))
-        if kind != FOLLOWS or distrust == 0.0:  # else why it is distrusted
-            after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
-        after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
-        after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
-        after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
-    after[STEPPED] = 1.0
-    after[SINCE] += turned
-    if not wrong:
-        after[BRIDGED + JOINTS] = 0.0
-    if after[BRIDGED + FRAME] > 0.0:
-        after[BRIDGED + FRAME] += dt
+            new["jitter"] = max(leak * old["jitter"], abs(speed - rate))
+        new["kind"], new["size"], new["bound"] = kind, size, bound
+        if kind <= MISSING and distrust != 0.0:  # why it is distrusted
+            new["kind"], new["size"], new["bound"] = old["kind"], old["size"], old["bound"]
+        new["still_q"], new["still_v"], new["distrust"] = still_q, still_v, distrust
+        new["unseen"] = old["unseen"] + dt if no_q and no_v else 0.0
+        new["displaced"] = old["displaced"] + way if decay > 0.0 else 0.0
+    shared[1] += turned
     return 2 if wrong else 1 if resting else 0
 
 
@@ -219,8 +210,8 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
 
 
 @compiled(
-    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:], f8[:],"
-    " f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
+    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:],"
+    " f8[:], f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
 )
 def path_rate(
     dx: np.ndarray,
@@ -245,18 +236,18 @@ def path_rate(
     rate: float,
     acceleration: float,
     ahead: float,
-    factor: np.ndarray,
+    factors: np.ndarray,
 ) -> int:
-    """Fill factor (1) with the smallest of the governor's factors and return which one it is.
+    """Fill factors (3 + 3 n) with those of the governor and return which one is the smallest.
 
-    0: none is below 1; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed
-    of joint i. See ``Governor``. The velocity of the joints for the path at full rate is the larger
+    0: one; 1: error; 2: frames; 3 + i, 3 + n + i, 3 + 2 n + i: effort, stop and speed of joint i.
+    See ``Governor``. The velocity of the joints for the path at full rate is the larger
     of J^+ x_d' and J^+ (x_d' + ahead ds/dt x_d''), with J^+ = J^T gram_inverse, x_d' = xd_d / rate
     and x_d'' (ds/dt)^2 = xdd_d - x_d' d^2s/dt^2. A factor f below the rate becomes f (f / rate)^2:
     the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
-    n, m, found, least = len(q), len(xd_d), 0, 1.0
-    place, turn, joint = 0.0, 0.0, 0.0
+    n, m, place, turn, joint = len(q), len(xd_d), 0.0, 0.0, 0.0
+    factors[:] = 1.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
         if positions < 0:
@@ -268,18 +259,15 @@ def path_rate(
     e = max(joint, np.sqrt(max(place, turn)))
     # 1 up to slow, creep from 1 to hold - 1, 0 from hold on
     bound = max(creep, 1.0 - (1.0 - creep) * (e - slow) / (1.0 - slow))
-    bound = min(bound, creep * (hold - e))
-    if e > slow and bound < least:
-        found, least = 1, max(bound, 0.0)
-    if late > 0.0 and 1.0 - late < least:
-        found, least = 2, max(1.0 - late, 0.0)
+    if e > slow:
+        factors[1] = max(min(bound, creep * (hold - e)), 0.0)
+    factors[2] = min(max(1.0 - late, 0.0), 1.0)
     moving = rate >= 1e-6
     lead_s = ahead if rate >= 1e-2 else 0.0
     for i in range(n):
         share = abs(torque[i]) / effort_limits[i]
-        bound = max((1.0 - share) / (1.0 - effort), 0.0)
-        if share > effort and bound < least:
-            found, least = 3 + i, bound
+        if share > effort:
+            factors[3 + i] = max((1.0 - share) / (1.0 - effort), 0.0)
         if not moving:
             continue
         speed, now = 0.0, 0.0
@@ -294,13 +282,10 @@ def path_rate(
             speed = now
         room = upper[i] - q[i] if speed > 0.0 else q[i] - lower[i]
         if room < lead * abs(speed):
-            bound = max(room / (lead * abs(speed)), creep)
-            if bound < least:
-                found, least = 3 + n + i, bound
+            factors[3 + n + i] = max(room / (lead * abs(speed)), creep)
         bound = velocity_limits[i] / max(abs(speed), 1e-300)
         if bound < rate:
             bound *= (bound / rate) ** 2
-        if bound < least:
-            found, least = 3 + 2 * n + i, bound
-    factor[0] = least
-    return found
+        if bound < 1.0:
+            factors[3 + 2 * n + i] = bound
+    return int(factors.argmin())

@@ -8,7 +8,7 @@ from .governor import PathTime as PathTime
 from .learned import LearnedParameters as LearnedParameters
 from .limits import ControllerLimits as ControllerLimits
 from .limits import Limits as Limits
-from .sensing import Guards as Guards
+from .residuals import Guards as Guards
 from .sensing import Senses as Senses
 from .slow_start import SlowStart as SlowStart
 from .state import ControllerState as ControllerState

@@ -32,13 +32,14 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
+from .clock import LATEST
 from .constraint_forces import ConstraintForces, Missed
-from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
-from .sensing import LATEST, Guards, Senses, row
+from .residuals import Guards
+from .sensing import Senses
 from .state import ControllerState
 
 _HELD = Frozen()
@@ -112,9 +113,7 @@ class Controller:
             self._forces = ConstraintForces(
                 kinematics.robot, self.limits.torque, kinematics.constraints
             )
-        self._estimated = self._scratch()
-        self._alone = Lock()  # for a thread that uses the scratch
-        self._data = kinematics.robot.model.createData()
+        self._make_scratch()
 
     def __getstate__(self) -> dict[str, Any]:
         """Copy all but lock and scratch."""
@@ -124,28 +123,25 @@ class Controller:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Make lock and scratch anew."""
         self.__dict__.update(state)
-        self._alone, self._estimated = Lock(), self._scratch()
-        self._data = self.kinematics.robot.model.createData()
+        self._make_scratch()
 
-    def _scratch(self) -> EstimatedModel:
-        """Return the model that a law gets."""
+    def _make_scratch(self) -> None:
+        """Make the model that a law gets, Pinocchio's data, and the lock for a thread's use."""
         parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
         nothing, stop = Estimate(np.zeros(0)), self.limits.stop_on_divergence
-        return EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
+        self._estimated = EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
+        self._alone, self._data = Lock(), self.kinematics.robot.model.createData()
 
     def __repr__(self) -> str:
         """Return law, task, what is adapted and how, and what it was made for."""
-        kinematics, adaptation_k, adaptation_d = (
-            self.kinematics,
-            self.adaptation_k,
-            self.adaptation_d,
-        )
+        kinematics, actuators = self.kinematics, self.limits.actuators
         frames = " and ".join(kinematics.robot.frames)
-        words = f"controller: {self.law.name} of {kinematics.task.name} of {frames}, "
-        words += f"{kinematics.size} kinematic parameters ({adaptation_k.name}), "
-        words += f"{self.dynamics.size} dynamic ones ({adaptation_d.name})"
-        actuators = self.limits.actuators
-        return words if actuators.ideal else f"{words}, made for {actuators.words}"
+        made = "" if actuators.ideal else f", made for {actuators.words}"
+        return (
+            f"controller: {self.law.name} of {kinematics.task.name} of {frames}, "
+            f"{kinematics.size} kinematic parameters ({self.adaptation_k.name}), "
+            f"{self.dynamics.size} dynamic ones ({self.adaptation_d.name}){made}"
+        )
 
     def limited(self, torque: ArrayLike | bool | None) -> Controller:
         """Return this controller with other torque limits; it shares the scratch.
@@ -238,13 +234,12 @@ class Controller:
         a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
         a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
         dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
-        kinematic = self.adaptation_k.init(a_k)
+        H = squared(information_k, kinematics.size, "information_k")
+        kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
         if information_k is not None:
-            H = squared(information_k, kinematics.size, "information_k")
-            kinematic = self.adaptation_k.init(a_k, H)
             sensed = believed(sensed, kinematics, kinematic.value)
-        torque_filter = self._torque_filter
+        q, v = measurement.q, measurement.v
         return ControllerState(
             t=measurement.t,
             dynamic=dynamic,
@@ -254,9 +249,7 @@ class Controller:
             adapting=adapting,
             load=None if self.nominal is None else self.nominal.load,
             sensed=sensed,
-            torque_filter=()
-            if torque_filter is None
-            else torque_filter.init(measurement.q, measurement.v),
+            torque_filter=() if torque_filter is None else torque_filter.init(q, v),
             path=None if self.limits.governor is None else PathTime(),
         )
 
@@ -275,9 +268,7 @@ class Controller:
                 where="motion",
                 hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
             )
-        if state.path is not None:
-            return state.path.desired(motion, t)
-        return motion.at(t)
+        return (state.path or PathTime()).desired(motion, t)
 
     def announce(
         self,
@@ -336,11 +327,11 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        dynamic = self.adaptation_d.recorded(state.dynamic)
-        kinematic = self.adaptation_k.recorded(state.kinematic)
-        if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
-            return state
-        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
+        return state._replace(
+            dynamic=self.adaptation_d.recorded(state.dynamic),
+            kinematic=self.adaptation_k.recorded(state.kinematic),
+            torque_filter=(),
+        )
 
     def disturbance(self, state: ControllerState) -> np.ndarray | None:
         """Return the torque (n) that acts on the joints and is not in the model [N m or N].
@@ -419,12 +410,12 @@ class Controller:
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter, path = state.torque_filter, state.path
             given = torque if self.compensation is None else torque + self.compensation(s.q)
+            held = given.copy()  # the torque that goes out is the caller's
             if sensed.first is not None:
-                remember(sensed.first, given)
+                sensed = sensed._replace(first=sensed.first._replace(sent=held))
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
-                held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
         except ContactError:
@@ -495,17 +486,17 @@ class Controller:
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
             torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
-            inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
+            inertia = np.diag(pin.crba(model, self._data, sensed.q))
+            limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = row(sensed.trail, kernels.DISPLACED)
+            displaced = sensed.trail.joints["displaced"]
             if not hold:
                 displaced[:] = 0.0
-            most = math.inf if limits is None else _SPRING * limits
-            torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
+            spring = 0.25 * damping**2 * inertia * displaced
+            torque -= np.clip(spring, -_SPRING * limits, _SPRING * limits)
             if self._forces is not None:
                 torque = self._forces.solve(sensed.q, torque, state.stands).torque
-        if limits is not None:
-            torque = np.clip(torque, -limits, limits)
+        torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
             torque = torque - self.compensation(sensed.q)
         later = t if t > state.t else state.t + dt
@@ -521,8 +512,8 @@ class Controller:
     ) -> PathTime:
         """Return the time of the path after the elapsed time [s], or its derivative for None."""
         governor = self.limits.governor
-        if governor is None:  # the state is that of a controller with one
-            return path if elapsed is not None else PathTime(0.0, 0.0)
+        if governor is None:  # a ``SlowStart`` has a path without one
+            return path
         age = 0.0 if sensed.frame is None else s.t - sensed.frame.t
         target, cause = governor.target(path, s.dx, s.q, (s.xd_d, s.xdd_d), s.inverse, torque, age)
         if elapsed is None:
@@ -717,7 +708,7 @@ class Controller:
             s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
             if self.limits.torque is not None:
                 of_model = filtered.error(s.a_0)  # which no estimate explains away
-                self.senses.check_momentum(
+                self.senses.guards.check_momentum(
                     sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
                 )
         still = resting and not (xd_d.any() or xdd_d.any())
@@ -738,13 +729,9 @@ class Controller:
         time [s]. Without a period dt [s] the time is not checked.
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
-        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, math.inf
-        if dt is not ...:
-            elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
-            since = measurement.t - state.t if guards.clock else elapsed
-        sensed, resting, measurement = self.senses.read(
-            before, state.t, measurement, self.kinematics, state.kinematic.value, since,
-            getattr(state.torque_filter, "tau", None),
+        sensed, resting, measurement, elapsed = self.senses.read(
+            state.sensed, state.t, measurement, self.kinematics, state.kinematic.value, dt,
+            self.period, getattr(state.torque_filter, "tau", None),
         )  # fmt: skip
         return sensed, resting, measurement, desired, elapsed
 
@@ -761,7 +748,11 @@ class Controller:
         """
         if not s.adapting:
             drives = Drives.none(s.a_d.size, s.a_k.size)
-        torque_filter = self._torque_filter
+        memory, path = state.torque_filter, state.path
+        if self._torque_filter is not None:
+            memory = self._torque_filter.rate(s.filtered_torque, torque)
+        if path is not None:
+            path = self._governed(path, s, state.sensed, torque, None)
         return ControllerState(
             t=1.0,
             dynamic=self.adaptation_d.rate(state.dynamic.with_value(s.a_d), drives.dynamic),
@@ -769,12 +760,8 @@ class Controller:
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
-            torque_filter=()
-            if torque_filter is None
-            else torque_filter.rate(s.filtered_torque, torque),
-            path=None
-            if state.path is None
-            else self._governed(state.path, s, state.sensed, torque, None),
+            torque_filter=memory,
+            path=path,
         )
 
     def watch(self, torque: np.ndarray, a_d: np.ndarray, a_k: np.ndarray) -> None:
@@ -812,9 +799,9 @@ def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -
 
     Orientations and coordinates of joints are as measured.
     """
-    if sensed.x is None or not kinematics.positions:
+    if not kinematics.positions:
         return sensed
     kinematics.update(a_k, sensed.q, np.zeros(kinematics.nv))
-    x = sensed.x.copy()
+    x = np.array(sensed.x, dtype=float)
     x[: kinematics.positions] = kinematics.p_hat
     return sensed._replace(x=x, frame=None, history=())

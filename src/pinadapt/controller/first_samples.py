@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,7 +26,25 @@ _FALLS = 0.8  # of the gravity in question; wrong inertias of a half more or a t
 _STILL = 0.5  # [rad/s^2 or m/s^2]: of smaller accelerations by gravity nothing shows
 _WINDOWS, _PATIENCE = 3.0, 20.0  # without a fault, after which the test is over, and [s] that count
 # as one where an arm rests; half: less of the motion is looked at, double: steps cost longer more
-_TIME, _SUSPECT, _HEALTHY, _HEADER = range(4)
+
+
+class Sums(NamedTuple):
+    """Of a window of the first samples.
+
+    Attributes:
+        sent: (n) torque from the last sample on [N m or N]; None: nothing was sent yet.
+        swing, drive: (n) sums of the velocity and of that torque.
+        time: since the window began [s].
+        suspect: the share of gravity that the window before showed.
+        healthy: windows without a fault.
+    """
+
+    sent: np.ndarray | None
+    swing: np.ndarray
+    drive: np.ndarray
+    time: float = 0.0
+    suspect: float = 0.0
+    healthy: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +72,12 @@ class FirstSamples:
     window: float
     noise: np.ndarray
 
-    def init(self) -> np.ndarray:
-        """Return the sums before any sample: header, and (3, n) torque sent and two sums."""
-        none = np.zeros((3, self.noise.size))
-        none[0] = np.nan
-        return np.concatenate([np.zeros(_HEADER), none.ravel()])
+    def init(self) -> Sums:
+        """Return the sums before any sample."""
+        none = np.zeros(self.noise.size)
+        return Sums(None, none, none)
 
-    def after(self, sums: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float) -> np.ndarray | None:
+    def after(self, sums: Sums, q: np.ndarray, v: np.ndarray, dt: float) -> Sums | None:
         """Return the sums with one more sample; None once the test is over.
 
         Args:
@@ -71,18 +89,17 @@ class FirstSamples:
         Raises:
             ImplausibleError: the arm adds its gravity torque undeclared.
         """
-        sums, T = sums.copy(), self.window
-        sent, swing, drive = sums[_HEADER:].reshape(3, -1)
-        if not dt > 0.0 or not np.isfinite(sent).all():
+        sent, swing, drive, time, suspect, healthy = sums
+        if not dt > 0.0 or sent is None:
             return sums
-        middle = float(sums[_TIME]) + 0.5 * dt
-        swing += dt * (middle - 0.5 * T) * v
-        drive += dt * 0.5 * max(middle * (T - middle), 0.0) * sent
-        sums[_TIME] += dt
-        if sums[_TIME] < T - 0.5 * dt:
-            return sums
+        T, middle = self.window, time + 0.5 * dt
+        swing = swing + dt * (middle - 0.5 * T) * v
+        drive = drive + dt * 0.5 * max(middle * (T - middle), 0.0) * sent
+        time += dt
+        if time < T - 0.5 * dt:
+            return Sums(sent, swing, drive, time, suspect, healthy)
         share = self._share(q, v, 12.0 / T**3 * swing, 12.0 / T**3 * drive)
-        if share and sums[_SUSPECT]:
+        if share and suspect:
             raise ImplausibleError(
                 "v",
                 f"{100.0 * share:.0f} %",
@@ -91,12 +108,10 @@ class FirstSamples:
                 "controller.compensated. limits=pa.Limits(guards={'gravity': False}) switches this "
                 "check off.",
             )
-        healthy = sums[_HEALTHY] + (1.0 if share == 0.0 else T / _PATIENCE)
+        healthy += 1.0 if share == 0.0 else T / _PATIENCE
         if healthy >= _WINDOWS:
             return None
-        sums[:_HEADER] = 0.0, share or 0.0, healthy
-        swing[:], drive[:] = 0.0, 0.0
-        return sums
+        return self.init()._replace(sent=sent, suspect=share or 0.0, healthy=healthy)
 
     def _share(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray) -> float | None:
         """Return the share of gravity that a window shows if it is too much, 0 if not.
@@ -116,11 +131,6 @@ class FirstSamples:
         aside = r - share * own  # small where it is gravity
         along = aside @ np.linalg.solve(M, aside) < 0.25 * share**2 * size
         return share if along and share > _FALLS + noise else 0.0
-
-
-def remember(sums: np.ndarray, torque: np.ndarray) -> None:
-    """Keep the torque (n) that is held from this sample on [N m or N] in the sums of it."""
-    sums[_HEADER : _HEADER + torque.size] = torque
 
 
 def make_first_samples(

@@ -47,10 +47,6 @@ class PathTime(NamedTuple):
     acceleration: float = 0.0
     cause: str = ""
 
-    def at(self, t: float) -> float:
-        """Return s at time t [s]."""
-        return t - self.lag
-
     def desired(self, motion: Trajectory, t: float) -> Desired:
         """Return x_d(s(t)) with its derivatives by the chain rule."""
         return motion.at(t - self.lag).at_rate(self.rate, self.acceleration)
@@ -233,16 +229,16 @@ class PathGovernor:
             torque: (n) of the motors [N m or N].
             age: of the latest frame [s].
         """
-        given, factor = self.settings, empty(1)
-        found = kernels.path_rate(
+        given, factors = self.settings, empty(len(self.names))
+        least = kernels.path_rate(
             dx, self.weight, self.positions, given.slow, given.hold, given.creep,
             (age - self.frames) / given.gap,
             torque, self.torque, given.effort,
             q if self.places is None else q[self.places], self.lower, self.upper, given.lead,
             *desired, inverse.J, inverse.gram_inverse, self.velocity,
-            path.rate, path.acceleration, 2.0 / given.quick, factor,
+            path.rate, path.acceleration, 2.0 / given.quick, factors,
         )  # fmt: skip
-        target, cause = float(factor[0]), self.names[found]
+        target, cause = float(factors[least]), self.names[least]
         if inverse.conditioning < self.near:
             way = (inverse.conditioning - self.singular) / (self.near - self.singular)
             room = max(way, 0.0)

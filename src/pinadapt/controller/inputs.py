@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers
+from .._checks import instance, numbers, vector
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, DesiredSteps, Feet, Measurement
@@ -31,6 +31,7 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
+        self._estimates = self._a_d, self._a_k, self._a_d
         self._contacts = kinematics.robot.contacts
 
     def sample(
@@ -45,24 +46,23 @@ class InputCheck:
         """
         try:
             t, q, v, x, x_time, xd, a, _, w = measurement
-            (x_d, xd_d, xdd_d), a_0 = desired, state.a_0
-            a_d, a_k = state.dynamic.value, state.kinematic.value
+            (x_d, xd_d, xdd_d), (a_d, a_k, a_0) = desired, self._estimates
             fits = (
                 state.__class__ is ControllerState
+                and desired.__class__ is Desired
                 and _is(q, self._q)
                 and _is(v, self._v)
                 and _is(x_d, self._x)
                 and _is(xd_d, self._m)
                 and _is(xdd_d, self._m)
-                and _is(a_d, self._a_d)
-                and _is(a_0, self._a_d)
-                and _is(a_k, self._a_k)
+                and _is(state.dynamic.value, a_d)
+                and _is(state.kinematic.value, a_k)
+                and _is(state.a_0, a_0)
                 and (x is None or _is(x, self._x))
                 and (xd is None or _is(xd, self._m))
                 and (w is None or _is(w, self._v))
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and a is None
-                and desired.__class__ is Desired
                 and t.__class__ is float
                 and t - t == 0.0
             )
@@ -79,11 +79,8 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
-        fits = given.__class__ is ControllerState
-        if fits:
-            parts = (given.kinematic, self._a_k), (given.dynamic, self._a_d), (given.a_0, self._a_d)
-            fits = all(_is(getattr(part, "value", part), shape) for part, shape in parts)
-        if not fits:
+        estimates = (getattr(part, "value", part) for part in given[1:4])
+        if given.__class__ is not ControllerState or not all(map(_is, estimates, self._estimates)):
             raise InputError(
                 "the state is that of another controller, or its estimates are no float arrays.",
                 where="state",
@@ -153,13 +150,15 @@ class InputCheck:
         """
         if not isinstance(given, Desired):
             raise InputError(f"expected a Desired, got {given!r}.", where="desired")
-        x_d, xd_d, xdd_d = given
-        desired = Desired(
-            _array(x_d, self._x, "x_d", InputError),
-            _array(xd_d, self._m, "xd_d", InputError),
-            _array(xdd_d, self._m, "xdd_d", InputError),
-        )
-        return desired if given.feet is None else DesiredSteps.of(desired, self._feet(given.feet))
+        shapes = self._x, self._m, self._m
+        try:
+            desired = Desired(*map(_array, given, shapes, Desired._fields))
+            if given.feet is None:
+                return desired
+            return DesiredSteps.of(desired, self._feet(given.feet))
+        except MeasurementError as error:
+            where = f"desired.{error.field}"
+            raise InputError(f"{error.flaw}, got {error.value!r}.", where=where) from None
 
     def _feet(self, given: Feet) -> Feet:
         """Return the motion of the contacts as arrays of floats.
@@ -173,11 +172,8 @@ class InputCheck:
         c, stands = len(self._contacts), np.asarray(given.stands)
         if stands.shape != (c,) or stands.dtype != bool:
             raise InputError(f"expected {c} bools, got {stands!r}.", where="desired.feet.stands")
-        motion = (
-            _array(part, (c, 3), f"feet.{name}", InputError)
-            for name, part in zip(Feet._fields[1:], given[1:], strict=True)
-        )
-        return Feet(stands, *motion)
+        names = (f"feet.{name}" for name in Feet._fields[1:])
+        return Feet(stands, *map(_array, given[1:], [(c, 3)] * 3, names))
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
@@ -187,7 +183,7 @@ class InputCheck:
             MeasurementError: in the measurement.
         """
         if desired is not None:
-            if not _finite(desired):
+            if not all(np.isfinite(part).all() for part in (*desired, *(desired.feet or ()))):
                 raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
             if flaw := self._task.flaw(desired.x_d):
                 raise InputError(f"{flaw}.", where="desired.x_d")
@@ -199,38 +195,26 @@ class InputCheck:
             raise MeasurementError("x", measurement.x, flaw)
 
 
-def _finite(desired: Desired) -> bool:
-    """Return whether all numbers of a desired motion are finite."""
-    return all(np.isfinite(part).all() for part in (*desired, *(desired.feet or ())))
-
-
 def _is(value: Any, shape: tuple[int, ...]) -> bool:
     """Return whether this is an array of native floats of a shape."""
     return value.__class__ is _ARRAY and value.dtype == _FLOAT and value.shape == shape
 
 
-def _array(
-    value: Any, shape: tuple[int, ...], name: str, refuse: type[Exception] = MeasurementError
-) -> np.ndarray:
+def _array(value: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
     """Return a new array of native floats of this shape."""
     try:
         array = np.asarray(value)
     except ValueError:  # ragged
         array = np.zeros(())
     if array.shape != shape or array.dtype.kind not in "fiu":
-        expected = f"expected {' x '.join(map(str, shape))} numbers"
-        if refuse is InputError:
-            raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
-        raise MeasurementError(
-            name, value, f"must be {shape[0]} numbers, not {array.size} of {array.dtype}"
-        )
+        expected = " x ".join(map(str, shape))
+        flaw = f"must be {expected} numbers, not {array.size} of {array.dtype}"
+        raise MeasurementError(name, value, flaw)
     return array.astype(float)
 
 
 def _number(value: Any, name: str) -> float:
     """Return a finite number."""
-    if value.__class__ is float and math.isfinite(value):
-        return float(value)
     try:
         number = math.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
@@ -263,10 +247,4 @@ def initial_estimate(
     """Return an initial estimate as a new array, or refuse it."""
     if given is None:
         return default.copy()
-    estimate = numbers(given, where, error=ParameterError)
-    if estimate.shape != default.shape:
-        raise ParameterError(
-            f"expected {default.size} finite numbers {list(names)}, got shape {estimate.shape}.",
-            where=where,
-        )
-    return estimate
+    return vector(given, default.size, where, names=names, error=ParameterError, fills=False)

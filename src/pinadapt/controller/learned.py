@@ -229,14 +229,12 @@ class LearnedParameters:
                 raise ValueError("another format")
             found = cls(**content)
             for name in ("kinematic", "dynamic", "units", "shape"):
-                instance(getattr(found, name), Mapping, name, ParameterError)
-            texts = [found.robot, found.version, found.remark, *found.units.values()]
-            if not all(isinstance(text, str) for text in texts):
-                raise ValueError("a name, unit, version or remark that is no text")
+                instance(getattr(found, name), Mapping, name)
+            for text in (found.robot, found.version, found.remark, *found.units.values()):
+                instance(text, str, where)
             _shaped(Friction(), found.shape)
-            values = [*found.kinematic.values(), *found.dynamic.values()]
-            numbers(values, where, error=ParameterError)
-            rows = numbers(found.information, where, error=ParameterError)
+            numbers([*found.kinematic.values(), *found.dynamic.values()], where)
+            rows = numbers(found.information, where)
             if rows.size and rows.shape[1:] != (len(found.dynamic),):
                 raise ValueError(f"information has not {len(found.dynamic)} numbers in each row")
         except (OSError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:

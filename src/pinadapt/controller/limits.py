@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, mapping, numbers, positive, vector, word
-from ..exceptions import GainError, InputError, ParameterError
+from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, word
+from ..exceptions import GainError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
@@ -82,21 +82,12 @@ class Limits:
         if not isinstance(self.guards, bool):
             for name, wanted in mapping(self.guards, "limits.guards").items():
                 flag(wanted, f"limits.guards.{word(name, GUARDS, 'limits.guards')}")
-        margins = _given(self.box, "limits.box", ParameterError)
-        if margins is not None and margins.ndim < 2 and not (margins > 0.0).all():
-            raise ParameterError(
-                f"a margin must be positive, got {margins.tolist()}.", where="limits.box"
-            )
-        torque = _given(self.torque, "limits.torque", GainError)
-        if torque is not None and not (torque > 0.0).all():
-            raise GainError(f"must be positive, got {torque.tolist()}.", where="limits.torque")
-
-
-def _given(value: ArrayLike | bool | None, name: str, error: type[InputError]) -> np.ndarray | None:
-    """Return the numbers of a limit, None where it is a default or switched off."""
-    if value is None or isinstance(value, bool):
-        return None
-    return numbers(value, name, error=error, infinite=True)
+        if not isinstance(self.box, bool | None):
+            box = numbers(self.box, "limits.box", error=ParameterError)
+            if box.ndim < 2:  # a margin
+                joint_numbers(box, "limits.box", zero=False, error=ParameterError)
+        if not isinstance(self.torque, bool | None):
+            joint_numbers(self.torque, "limits.torque", zero=False, infinite=True, error=GainError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,14 +181,11 @@ def make_box(
     """
     if given is False or not kinematics.size:
         return None
-    names, centre = kinematics.names, kinematics.initial
     if given is None or given is True:
         return kinematics.bounds
+    names, p = kinematics.names, kinematics.size
     given = numbers(given, "limits.box", error=ParameterError)
-    rows = given if given.ndim == 2 and len(given) == 2 else [given]
-    bounds = [
-        vector(row, centre.size, "limits.box", names=names, error=ParameterError) for row in rows
-    ]
-    if len(bounds) == 2:
-        return np.stack(bounds)
-    return np.stack([centre - bounds[0], centre + bounds[0]])
+    if given.shape == (2, p):
+        return given
+    margin = vector(given, p, "limits.box", names=names, error=ParameterError)
+    return kinematics.initial + np.stack([-margin, margin])

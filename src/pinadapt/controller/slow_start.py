@@ -29,9 +29,9 @@ from ..records import Desired, Measurement
 from ..signals import Signals
 from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
 from .controller import Controller, believed
-from .first_samples import remember
 from .governor import PathTime
-from .sensing import Guards, Senses
+from .residuals import Guards
+from .sensing import Senses
 from .state import ControllerState
 
 AXES = "unknown axes"  # the cause for which the path waits
@@ -191,7 +191,7 @@ class SlowStart(Controller):
         torque, after = joints.step(inner, held, goal, elapsed or dt)
         if sensed.first is not None:
             own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-            remember(sensed.first, torque + own)
+            sensed = sensed._replace(first=sensed.first._replace(sent=torque + own))
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,

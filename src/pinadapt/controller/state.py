@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import flag
-from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
-from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
 from .constraint_forces import Missed
 from .governor import PathTime
-from .sensing import LASTS, row
+from .residuals import LASTS
 
 _NOTHING = SensedState(np.array([]), np.array([]))
 _NO_FOOTING = np.zeros((0, 3))
@@ -95,7 +93,7 @@ class ControllerState(NamedTuple):
     @property
     def bridged(self) -> Bridged:
         """How many samples were replaced by a prediction since the start."""
-        return Bridged(*self.sensed.trail[: kernels.BRIDGED].astype(int).tolist())
+        return Bridged(*self.sensed.trail.bridged)
 
     @property
     def unseen(self) -> np.ndarray:
@@ -103,7 +101,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        return row(self.sensed.trail, kernels.UNSEEN) > LASTS
+        return np.asarray(self.sensed.trail.joints["unseen"] > LASTS)
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
@@ -145,9 +143,6 @@ class ControllerState(NamedTuple):
             used += array.size
             return values[used - array.size : used].reshape(array.shape)
 
-        size = self.flat().size
-        if size != values.size:
-            raise InputError(f"expected {size} floats, got {values.size}.", where="values")
         return self._mapped(take)
 
     def _mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ControllerState:

@@ -49,18 +49,6 @@ class Frame(NamedTuple):
     turn: Any = None
 
 
-class Explained(NamedTuple):
-    """What explains the frames so far, see ``FrameFit``; p parameters, m_p positions.
-
-    Attributes:
-        value: (p + m_p) error of the estimate at the start, and offset of x [m].
-        sums: (p + m_p, p + m_p + 1) of X^T X and X^T e over the frames, normalised.
-    """
-
-    value: np.ndarray
-    sums: np.ndarray
-
-
 class SensedState(NamedTuple):
     """The state of the robot according to its sensors, kept until the next sample.
 
@@ -77,8 +65,7 @@ class SensedState(NamedTuple):
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
-        trail: of the samples, with which the next one is compared, see the kernel ``check_joints``.
-        fit: to the frames so far; None: there was none, or they are not compared.
+        trail: of the samples, with which the next one is compared, see ``Trail``.
     """
 
     q: np.ndarray
@@ -88,9 +75,8 @@ class SensedState(NamedTuple):
     X_k: np.ndarray = np.zeros((0, 0))
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
-    first: np.ndarray | None = None
-    trail: np.ndarray = np.zeros(0)
-    fit: Explained | None = None
+    first: Any = None
+    trail: Any = None
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from .._checks import instance, positive, vector, word
 from .._output import Report, Table
 from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
-from ..controller.sensing import LASTS
+from ..controller.residuals import LASTS
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Measurement

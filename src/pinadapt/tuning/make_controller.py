@@ -19,7 +19,7 @@ from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.governor import Governor
 from ..controller.limits import Limits, limits_for, make_box
-from ..controller.sensing import Senses, make_guards
+from ..controller.sensing import make_senses
 from ..controller.slow_start import SlowStart
 from ..exceptions import InputError
 from ..filters import LowPass
@@ -185,7 +185,11 @@ def make_controller(
         return Leak(moved, settings.leak) if leaks else moved
 
     compensation = compensation_of(robot, compensated)
-    guards = make_guards(
+    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
+    if limits.governor:  # the arm may wait for frames
+        governor = Governor() if limits.governor is True else limits.governor
+        compensator = replace(compensator, longest_gap=governor.blind)
+    senses = make_senses(
         robot,
         kinematics,
         limits.guards,
@@ -195,12 +199,11 @@ def make_controller(
         sensors=sensors,
         compensation=compensation,
         dt=dt,
+        compensator=compensator,
+        low_pass=None
+        if isinf(settings.velocity)
+        else LowPass(settings.velocity, "velocity filter"),
     )
-    low_pass = None if isinf(settings.velocity) else LowPass(settings.velocity, "velocity filter")
-    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
-    if limits.governor:  # the arm may wait for frames
-        governor = Governor() if limits.governor is True else limits.governor
-        compensator = replace(compensator, longest_gap=governor.blind)
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
         tuning.law if fast is None or K_f is None else replace(fast, law=tuning.law, gain=K_f),
@@ -209,7 +212,7 @@ def make_controller(
         adaptation_k=adaptation_k,
         adaptation_d=adaptation_d(),
         limits=applied,
-        senses=Senses(guards, compensator, low_pass, quality, sensors),
+        senses=senses,
         motion=motion,
         compensation=compensation,
         period=dt,

@@ -1,0 +1,454 @@
+"""The residual test: what a sample says against what follows from the samples before it.
+
+Each channel has a residual, and a bound from the noise of the declared sensors and from what is
+unknown:
+
+    joints   dq less the integral of v, and its leaky sum          bridged by the other of the two
+    frame    x less what explains all frames so far                bridged by no frame
+    torque   a measured torque, less the one that was sent         bridged by the one that was sent
+    time     none has passed                                       bridged by a step of no duration
+    motion   the torque beside the motors that the momentum shows
+
+A sample beyond its bound is bridged and counted; one that lasts is refused, and so are a leaky sum
+and a motion beyond theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import empty
+
+from .._kernels import samples as kernels
+from ..description.chain import effort_limits, is_slide, position_limits, velocity_limits
+from ..exceptions import ImplausibleError, MeasurementError
+from ..models.delay_compensation import SensedState
+from ..models.task_kinematics import TaskKinematics
+from ..records import Measurement, SensorQuality, Sensors
+from ..robot.robot import Robot
+from .first_samples import CERTAIN
+
+LASTS = 0.0149  # [s] after which what does not follow is refused; half: fewer lost messages are
+# bridged, double: a wrong q or x moves the arm for twice as long
+_WAY = 5e-3  # [rad, or of the reach for slides] by which sums of v and of dq may differ; half: a v
+# off by 0.02 rad/s is refused, double: a wrong v moves the arm twice as far
+_BRAKED = 20.0  # [rad/s^2, or of the reach for slides] by which friction stops a joint; half: such
+# a stop is refused, double: an encoder that freezes at slow speed is not found
+_SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an arm that rests; half:
+# friction keeps estimates moving, double: slow paths stop them
+# Of the reach, by which a frame, and all of them, may be off. Half and twice: an x that freezes on
+# a Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
+# cameras with 4 mm of noise that is not declared are.
+_FRAME, _OFFSET = 0.02, 0.1
+_MOVING = 1.0 / 3.0  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
+_STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
+_BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
+_AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
+
+JOINTS, FRAME, TORQUE, TIME = range(4)  # the channels that are bridged
+# What may be wrong: channel, signal, flaw, guess, and the guard that looks for it.
+_DEGREES = "in degrees, millimetres or another order?"
+_WIRED = "a motor or encoder of the wrong sign, two joints swapped, a collision?"
+_MOUNTED = "in millimetres, repeated, in other axes? another frame, marker, tool? an encoder off?"
+_WRAP, _OTHER_UNIT = "a wrap at +-pi, a lost count, degrees?", "the wrong sign, unit or joint?"
+_OF_JOINTS = {
+    kernels.JUMP: (JOINTS, "q", "has jumped", _WRAP, "differences"),
+    kernels.SPIKE: (JOINTS, "v", "is implausible", "in degrees?", "differences"),
+    kernels.APART: (JOINTS, "v", "is not the rate of q", _OTHER_UNIT, "differences"),
+    kernels.STOPPED: (JOINTS, "q", "is stuck", "has the encoder stopped?", "differences"),
+    kernels.OUT: (JOINTS, "q", "is out of range", _DEGREES, "limits"),
+}
+_AGAINST = JOINTS, "v", "shows more torque beside the motors than they have", _WIRED, "gravity"
+_TURNED = FRAME, "x", "is turned", "in the order wxyz? other axes?", "position"
+_MOVED = FRAME, "x", "does not move with the joints", _MOUNTED, "position"
+_STRONG = TORQUE, "tau", "is more than the motors give", "in another unit?", "gravity"
+_OTHER = TORQUE, "tau", "is not what was sent", _OTHER_UNIT, "gravity"
+
+
+class Explained(NamedTuple):
+    """What explains the frames so far, see ``FrameFit``; p parameters, m_p positions.
+
+    Attributes:
+        value: (p + m_p) error of the estimate at the start, and offset of x [m].
+        sums: (p + m_p, p + m_p + 1) of X^T X and X^T e over the frames, normalised.
+        moved: the way of all joints until the last of them [rad and m].
+    """
+
+    value: np.ndarray
+    sums: np.ndarray
+    moved: float = -math.inf
+
+
+class Trail(NamedTuple):
+    """What is kept of the samples, to compare the next one with.
+
+    Attributes:
+        joints: (n) of ``kernels.JOINT``.
+        shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m].
+        bridged: how many samples of each channel were.
+        since: the time at which each channel ceased to follow [s]; infinite where it follows.
+        time: of the samples since the first one [s].
+        begun: whether there was a step.
+        fit: to the frames; None: there was none, or they are not compared.
+    """
+
+    joints: np.ndarray
+    shared: np.ndarray
+    bridged: list[int]
+    since: list[float]
+    time: float = 0.0
+    begun: bool = False
+    fit: Explained | None = None
+
+    def lasts(self, channel: int) -> bool:
+        """Count a bridged sample of a channel, and return whether it is to be refused."""
+        self.bridged[channel] += 1
+        self.since[channel] = min(self.since[channel], self.time)
+        return self.time - self.since[channel] > LASTS
+
+
+def new_trail(v: np.ndarray, since: float = math.inf) -> Trail:
+    """Return what is kept of the first sample, with its joint velocity v (n) [rad/s or m/s]."""
+    joints = np.zeros(v.size, kernels.JOINT)
+    joints["rate"] = joints["raw_v"] = v
+    joints["raw_q"] = np.nan
+    return Trail(joints, np.zeros(2), [0] * 4, [since] * 4)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFit:
+    """Whether x moves with the joints: what explains all frames so far explains the next one.
+
+    The prediction error e of the estimate at the start is X da + o, with the error da of the
+    unknown translations and an offset o of x, both of known covariance, and what else may be off.
+    Least squares over the frames, which forget over a radian of the joints, leaves the residual
+    r = e - X da - o of covariance S. It is too large where r^T S^-1 r > 25. Mirrored, turned or
+    repeated frames, encoders that are off, and jumps are explained by no translation.
+
+    Attributes:
+        start: (p) the estimate at the start [m].
+        prior: (p + m_p, p + m_p) inverse covariance of da and o [1/m^2].
+        deviation: of a frame [m].
+    """
+
+    start: np.ndarray
+    prior: np.ndarray
+    deviation: float
+
+    def after(
+        self, trail: Trail, X: np.ndarray, a_k: np.ndarray, error: np.ndarray
+    ) -> tuple[float, float, Explained | None]:
+        """Return the size of r, its bound [m], and the fit with a frame that is within it.
+
+        Args:
+            trail: with the fit to the frames before.
+            X: (m_p, p) regressor of the frame.
+            a_k: (p) the estimate [m].
+            error: (m_p) the prediction error of that [m].
+        """
+        n, bound, fit, moved = len(self.prior), CERTAIN * self.deviation, trail.fit, trail.shared[1]
+        value, sums, since = fit or Explained(np.zeros(n), np.zeros((n, n + 1)))
+        near = moved - since <= _FRAME
+        if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
+            return 0.0, bound, fit
+        error = error - X.dot(a_k - self.start)
+        r = error - X.dot(value[: a_k.size]) - value[a_k.size :]
+        size = math.hypot(*r)
+        if (near and size < bound) or not math.isfinite(size):
+            return size, bound, fit
+        X, way = np.hstack([X, np.eye(r.size)]), r / max(size, bound)
+        S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
+        S += self.deviation**2 * np.eye(r.size)
+        share = max(size, bound) * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
+        if share > 1.0:
+            return size, size / share, fit
+        if not near:
+            rows = np.column_stack([X, error]) / self.deviation
+            sums = math.exp(since - moved) * sums + rows[:, :-1].T @ rows
+            fit = Explained(np.linalg.solve(self.prior + sums[:, :-1], sums[:, -1]), sums, moved)
+        return size, math.inf, fit
+
+
+@dataclass(frozen=True, eq=False)
+class Guards:
+    """The residual test of one robot.
+
+    Attributes:
+        model: of the robot.
+        bounds: (n) of ``kernels.BOUNDS``: largest |v| [rad/s or m/s]; tol [rad or m]; the largest
+            change of v in a sample; v at which a joint moves; |v| below which an arm may be
+            resting; lowest and highest q of the first sample.
+        places: (n + 1) where each joint begins in q, and the end.
+        torque: (n) that no motor gives [N m or N].
+        sensed: by which a measured torque may differ from what the motors give [N m or N]; zero: it
+            is not compared with what was sent.
+        farthest: largest distance of x in unknown axes from x_hat [m].
+        frames: what may explain x in known axes; None: it is not compared.
+        momentum: whether the residual of the torque is compared with the torque limits.
+        near: errors below which an arm may be resting [m or rad].
+    """
+
+    model: pin.Model
+    bounds: np.ndarray
+    places: np.ndarray
+    torque: np.ndarray
+    sensed: float = 0.0
+    farthest: float = math.inf
+    frames: FrameFit | None = None
+    momentum: bool = False
+    near: float = 0.0
+
+    @classmethod
+    def none(cls, model: pin.Model) -> Guards:
+        """Return guards that accept everything."""
+        bounds = np.full(model.nv, math.inf, kernels.BOUNDS)
+        bounds["slow"], bounds["lowest"] = 0.0, -math.inf
+        places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
+        return cls(model, bounds, places, np.full(model.nv, math.inf))
+
+    def joints(
+        self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
+    ) -> tuple[int, np.ndarray, np.ndarray, Trail]:
+        """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
+        old: Trail = before.trail
+        q_before = before.q
+        if dt == math.inf:  # it is compared with none, and nothing is bridged
+            old, q_before, dt = new_trail(v, -math.inf), q, 0.0
+        joints = np.ndarray(v.size, kernels.JOINT, empty(old.joints.nbytes // 8))  # quicker
+        shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
+        trail = Trail(joints, shared, *counts, old.time + dt, True, old.fit)
+        q_used, v_used = empty(q.size), empty(v.size)
+        answer = kernels.check_joints(
+            q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
+            shared, q_used, v_used,
+        )  # fmt: skip
+        if answer != 2:
+            trail.since[JOINTS] = math.inf
+        if answer != 2 or not (doubted := self._doubted(q_before, v, old, joints)).any():
+            return answer, q_used, v_used, trail
+        kept = old.joints.copy()
+        kept["distrust"][doubted] = kernels.NO_Q + kernels.NO_V
+        return self.joints(before._replace(trail=old._replace(joints=kept)), q, v, dt, decay)
+
+    def _doubted(
+        self, q_before: np.ndarray, v: np.ndarray, old: Trail, joints: np.ndarray
+    ) -> np.ndarray:
+        """Return which joints (n) have stopped, and the others do not show it.
+
+        Kinematics cannot tell a joint that stands from an encoder that does; the momentum can. A
+        joint that stops at once pushes the others, M_rr dv_r = M_ri v_i. If that would be seen and
+        less than half of it was, nothing of the joint is used until it moves.
+        """
+        doubted = joints["kind"] == kernels.STOPPED
+        doubted &= (old.joints["distrust"] == 0.0) & v.any()  # not if all stop
+        rate = old.joints["rate"]
+        for i in np.flatnonzero(doubted).tolist():
+            M = pin.crba(self.model, self.model.createData(), q_before)
+            push, change = np.linalg.inv(M)[i], v - rate
+            push *= -rate[i] / push[i]
+            push[i] = change[i] = 0.0
+            least = 2.0 * self.bounds["clear"][i]
+            doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
+        return doubted
+
+    def bridge_joints(self, sample: Measurement, trail: Trail) -> None:
+        """Count a sample of which q or v was replaced.
+
+        Raises:
+            ImplausibleError: something has not followed for too long.
+            MeasurementError: q or v is not finite.
+        """
+        for name, value in (("q", sample.q), ("v", sample.v)):
+            if not np.isfinite(value).all():
+                raise MeasurementError(name, value)
+        kinds = trail.joints["kind"]
+        wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED)
+        wrong |= trail.joints["distrust"] != 0.0
+        if not wrong.any():
+            trail.since[JOINTS] = math.inf
+            return
+        i = int(np.argmax(wrong))
+        size, bound = trail.joints["size"][i], trail.joints["bound"][i]
+        summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
+        self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, trail, i, summed)
+
+    def bridge_torque(
+        self, sample: Measurement, trail: Trail, sent: np.ndarray | None
+    ) -> Measurement:
+        """Return a sample without its torque where no motor gives it, and count that in the trail.
+
+        Where the offset of the torque sensor is declared, the torque may also be off by offset,
+        noise and the whole of what was sent, as of a motor that gives none, but not by more.
+
+        Raises:
+            ImplausibleError: it has lasted.
+        """
+        most, tau, flaw = self.torque, np.asarray(sample.tau), _STRONG
+        if tau.shape != most.shape or tau.dtype.kind not in "fiu":
+            return sample._replace(tau=None)
+        if sent is not None and self.sensed and sent.any():
+            tau, flaw = tau - sent, _OTHER
+            most = np.minimum(most, np.abs(sent) + self.sensed)
+        i = int(np.argmax(np.abs(tau) / most))
+        if not abs(tau[i]) > most[i]:
+            trail.since[TORQUE] = math.inf
+            return sample
+        self._bridge(flaw, sample, tau[i], most[i], trail, i)
+        return sample._replace(tau=None)
+
+    def bridge_frame(
+        self, sample: Measurement, sensed: SensedState, a_k: np.ndarray, trail: Trail
+    ) -> tuple[Measurement, Trail]:
+        """Return a sample without a frame that does not follow, and the trail, where it counts.
+
+        What is known with the frame has the prediction error of the estimate a_k (p) [m].
+
+        Raises:
+            ImplausibleError: it has lasted, or there is nothing to bridge it with.
+        """
+        if self.frames is None:
+            size, bound, fit = float(np.linalg.norm(sensed.epsilon)), self.farthest, None
+        else:
+            size, bound, fit = self.frames.after(trail, sensed.X_k, a_k, sensed.epsilon)
+        if size > bound:
+            self._bridge(_MOVED, sample, size, bound, trail)
+            return sample._replace(x=None, x_time=None, xd=None), trail
+        trail.since[FRAME] = math.inf
+        return sample, trail if fit is trail.fit else trail._replace(fit=fit)
+
+    def check_turn(self, sample: Measurement, kinematics: TaskKinematics, trail: Trail) -> None:
+        """Refuse a first orientation far from that of the estimated kinematics.
+
+        Raises:
+            ImplausibleError: it is.
+        """
+        if self.frames is None or sample.x is None:
+            return
+        error = kinematics.task.error(sample.x, kinematics.x_hat)[kinematics.positions :]
+        turn = float(np.linalg.norm(error))
+        if turn > _AWRY:
+            self._bridge(_TURNED, sample, turn, _AWRY, trail, at_once=True)
+
+    def check_momentum(
+        self,
+        sample: Measurement,
+        residual: np.ndarray,
+        torque: np.ndarray,
+        limits: np.ndarray,
+        trail: Trail,
+    ) -> None:
+        """Refuse a motion that shows more torque beside the motors than they have.
+
+        A joint whose sign is wrong accelerates against its torque, which rises to its limit: half
+        of the residual is then M dv/dt. Of a joint that is held none is, whatever its motor does.
+
+        Args:
+            sample: what was measured.
+            residual: (n) low-passed torque that the motion of the model needs, less the one that
+                was sent [N m or N].
+            torque: (n) that was sent, low-passed [N m or N].
+            limits: (n) of the torque [N m or N].
+            trail: of the sample.
+
+        Raises:
+            ImplausibleError: it does.
+        """
+        if not (self.momentum and kernels.exceeds(residual, limits)):
+            return
+        gravity = pin.computeGeneralizedGravity(self.model, self.model.createData(), sample.q)
+        moving = np.abs(residual) > limits
+        moving &= (residual + torque - gravity) * residual > _MOVING * residual**2
+        if moving.any():
+            i = int(np.argmax(moving))
+            self._bridge(_AGAINST, sample, residual[i], limits[i], trail, i, at_once=True)
+
+    def _bridge(
+        self,
+        flaw: tuple[int, str, str, str, str],
+        sample: Measurement,
+        residual: float,
+        bound: float,
+        trail: Trail,
+        joint: int | None = None,
+        at_once: bool = False,
+    ) -> None:
+        """Count a sample of a channel that is bridged, and refuse what lasts.
+
+        Raises:
+            ImplausibleError: with the residual and its bound.
+        """
+        channel, name, words, guess, guard = flaw
+        if not trail.lasts(channel) and not at_once:
+            return
+        where, hint = f"against the model, [{'rad' if flaw is _TURNED else 'm'}]", ""
+        if joint is not None:
+            where = f"joint '{self.model.names[joint + 1]}',"
+        else:
+            hint = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True). "
+        raise ImplausibleError(
+            name,
+            getattr(sample, name),
+            f"{words}: {where} {residual:.3g} beyond {bound:.3g}",
+            guess,
+            f"{hint}limits=pa.Limits(guards={{'{guard}': False}}) switches this check off.",
+        )
+
+
+def make_guards(
+    robot: Robot,
+    kinematics: TaskKinematics,
+    on: Mapping[str, bool],
+    quality: SensorQuality,
+    *,
+    box: np.ndarray | None,
+    sensors: Sensors,
+    dt: float,
+) -> Guards:
+    """Return the guards of a controller with a period dt [s], for a robot.
+
+    ``on`` says which there are; the box (2, p) is that of the kinematic estimates [m].
+    """
+    model, size, guards = robot.model, robot.reach, Guards.none(robot.model)
+    bounds, torque, m = guards.bounds, guards.torque, kinematics.positions
+    farthest, frames = math.inf, None
+    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+    lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
+    if on["velocity"]:
+        bounds["fastest"] = 10.0 * fast  # half or double: the same faults are found
+    if on["differences"]:
+        noise = sensors.deviation("q") + sensors.deviation("v") * math.sqrt(dt * kernels.MEMORY)
+        counts = 2.0 * np.asarray(sensors.encoder, float)
+        bounds["tolerance"] = _WAY * lengths + counts + CERTAIN * noise
+        bounds["leap"] = 0.5 * fast + 2.0 * CERTAIN * quality.v  # half or double: as above
+        if not robot.constraints:  # else forces that nobody measures stop joints at once
+            bounds["clear"] = _BRAKED * dt * lengths + CERTAIN * quality.v
+    if on["limits"]:
+        most = 8.0 * math.pi  # [rad or m] of joints without limits
+        low, high = np.clip(position_limits(model), -most, most)
+        bounds["lowest"], bounds["highest"] = low - _BEYOND, high + _BEYOND
+    if on["rest"]:
+        bounds["slow"] = _SLOW * lengths + CERTAIN * quality.v
+    if on["position"] and m:
+        farthest = 20.0 * size  # in unknown axes; millimetres are farther
+        if kinematics.calibrated:
+            span = np.zeros((2, kinematics.size)) if box is None else box
+            off = np.append(0.5 * (span[1] - span[0]), np.full(m, _OFFSET * size))
+            scatter = _FRAME * size / CERTAIN + 2.0 * quality.x
+            prior = np.diag((CERTAIN / np.maximum(off, scatter)) ** 2)
+            frames = FrameFit(kinematics.initial, prior, scatter)
+    if on["gravity"]:
+        deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
+        torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
+    return replace(
+        guards,
+        sensed=CERTAIN * quality.tau,
+        farthest=farthest,
+        frames=frames,
+        momentum=on["gravity"],
+        near=_NEAR * (size if m else 1.0) + CERTAIN * quality.x,
+    )
