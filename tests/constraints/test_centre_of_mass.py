@@ -103,9 +103,8 @@ def test_lyapunov_equality(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LOADS)
-def test_a_load_is_found_while_the_centre_of_mass_moves(name):
-    robot = standing(name, task="com")
+def test_a_load_is_found_while_the_centre_of_mass_moves():
+    robot = standing("a1", task="com")
     true, controller = loaded(robot), pa.make_controller(robot, unknown=TRUNK)
     rollout = pa.simulate(true, controller, Sway(robot), duration=1.8, engine="mujoco")
     assert rollout.distance.max() < 2e-3 and rollout.window(False).max() < 5e-5
@@ -161,10 +160,7 @@ def test_one_name_in_files_settings_and_python(tmp_path, capsys):
     ],
 )
 def test_what_has_no_such_task_is_refused(source, options, message):
-    with pytest.raises(pa.exceptions.RobotError, match=message):
+    with pytest.raises(pa.RobotError, match=message):
         pa.load(source, task="com", **options)
-
-
-def test_translations_have_no_effect_on_it():
-    with pytest.raises(pa.exceptions.ParameterError, match="no effect on a com task"):
+    with pytest.raises(pa.ParameterError, match="no effect on a com task"):
         pa.make_controller(standing("a1", task="com"), unknown=pa.Unknown(translations=["tool"]))
