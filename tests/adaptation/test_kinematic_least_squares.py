@@ -55,10 +55,7 @@ def test_lyapunov_equality_along_the_trajectory(case):
     """V contains da_k^T P^-1 da_k / 2 instead of a constant metric, for every law and weight."""
     true, controller, path, start = CASES[case]()
     energy = energy_along(true, controller, path, seconds=0.01, **start)
-    assert energy.mismatch(after=10) <= 1e-4  # at first R rises from W_k = 0 in a few samples
-    assert np.abs(energy.rate).max() > 1e-4
-    assert (energy.rate <= 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check(after=10)  # at first R rises from W_k = 0 in a few samples
 
 
 def known_after(seconds, name="panda", *, base=False, sensors=None, **options):
@@ -100,24 +97,6 @@ def test_base_and_tool_are_both_identified():
     wrong, _ = known_after(2.0, base=True, **FIT)
     slow, _ = known_after(2.0, base=True, **SLOPE)
     assert wrong < 1e-3 and slow > 50.0 * wrong and slow > 0.01
-
-
-def test_a_held_frame_counts_once():
-    """A hundred steps with one frame equal one step of a hundred times the length."""
-    rng = np.random.default_rng(0)
-    X, b = rng.standard_normal((3, 6)), rng.standard_normal(3)
-    fit = pa.adaptation.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
-    once = many = fit.init(rng.standard_normal(6))
-
-    def seen(estimate):
-        nothing = np.zeros((1, 6))
-        return pa.adaptation.Drive(nothing, None).with_prediction_error(X, X @ estimate.value + b)
-
-    once = fit.step(once, seen(once), 1.0)
-    for _ in range(100):
-        many = fit.step(many, seen(many), 0.01)
-    assert np.allclose(once.value, many.value, atol=1e-11)
-    assert np.allclose(once.memory[0], many.memory[0], rtol=1e-11)
 
 
 def test_directional_forgetting_acts_on_each_direction():

@@ -100,6 +100,14 @@ def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
         assert abs(claimed - plain) > 1e-3  # the modification has an effect here
 
 
+@pytest.mark.parametrize("inner", INNER)
+def test_gain_times_equals_the_product_with_the_gain(inner):
+    adaptation, X = INNER[inner](), np.random.default_rng(0).standard_normal((3, 4))
+    estimate = begun(adaptation)
+    columns = adaptation.gain(estimate) @ X
+    assert np.allclose(adaptation.gain_times(estimate, X), columns, rtol=1e-12)
+
+
 LOOPS = [
     ("slotine-li", "panda", "natural", ["sigma", "normalised"]),
     ("separation", "ur5", "natural", {"e1": 2.0, "dead-zone": 0.01}),

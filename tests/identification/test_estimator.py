@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import mujoco
@@ -12,13 +11,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pinadapt as pa
-from benchmarks.standing import Sway
 from pinadapt.identification.fits import Windows
 from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
 from pinadapt.tuning.unknowns import nominal_dynamics
-from tests.constraints.test_loops import five_bar, gripper
-from tests.constraints.test_standing import standing
+from tests.constraints.test_loops import five_bar
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 
@@ -129,10 +126,6 @@ def test_gears_rub_under_the_load_too():
     assert found.mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-
-
-
-
 def test_a_push_is_not_a_load():
     robot, force = catalogue_robot("panda"), (0.0, 0.0, -40.0)
     t, q, v, tau = signals({0.0: None}, 7.0)
@@ -227,10 +220,6 @@ def test_too_little_motion_says_which_joint_to_shake():
     assert still.accepted == (0, 0, 0)
     advice = estimator.estimate(still).advice
     assert advice.startswith("not enough motion yet: shake panda_joint")
-
-
-
-
 
 
 def test_a_real_log_is_predicted_as_well_as_by_identify():

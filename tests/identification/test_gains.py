@@ -108,8 +108,6 @@ def test_a_load_that_the_torques_do_not_show_is_refused():
         pa.identify(both[0], robot, empty=both[1], known_load=0.0)
 
 
-
-
 def test_the_command_takes_a_known_load(tmp_path, capsys):
     for loaded in (True, False):
         one = log(loaded=loaded)

@@ -110,8 +110,6 @@ def test_torques_without_gravity_are_detected_and_compensated():
     assert np.array_equal(by_intake.tau, whole.log.tau)
 
 
-
-
 def test_late_torques_are_found_under_noise():
     """Noise of the measured rates would hide the lateness."""
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=5.0)

@@ -53,8 +53,6 @@ def test_the_log_of_a_real_arm_fits_and_so_do_a_few_seconds_of_it():
         assert not causes(corrupted_logs.rows(log, part), robot)
 
 
-
-
 def test_turning_joints_in_another_order_are_refused():
     """Of joints without limits, whose configurations have two numbers."""
     robot = catalogue_robot("kinova")
@@ -63,8 +61,6 @@ def test_turning_joints_in_another_order_are_refused():
     assert not causes(log, robot)
     assert causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
     assert causes(turned(log, [5, 4, 3, 2, 1, 0]), robot)
-
-
 
 
 def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
@@ -113,8 +109,6 @@ def unlike(name, seed, wrist, gains):
     return pa.Log(t, np.round(q / count) * count, tau, None, tuple(robot.joint_names)), robot
 
 
-
-
 @pytest.mark.slow
 def test_an_angle_that_is_off_is_named_with_its_joint():
     log, robot = panda()
@@ -126,7 +120,12 @@ def test_an_angle_that_is_off_is_named_with_its_joint():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "wrist", "gains"),
-    [("panda", 1, 1.0, 0.0), ("kinova", 1, 1.0, 0.0), ("scara", 0, 1.0, 0.0), ("panda", 4, 3.5, 0.05)],
+    [
+        ("panda", 1, 1.0, 0.0),
+        ("kinova", 1, 1.0, 0.0),
+        ("scara", 0, 1.0, 0.0),
+        ("panda", 4, 3.5, 0.05),
+    ],
 )
 def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, seed, wrist, gains):
     """And a gripper on the wrist, where the load on the last body is not the only error."""
