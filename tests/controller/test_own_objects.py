@@ -39,16 +39,6 @@ def test_the_law_of_the_guide_reaches_its_set_point(guide):
     assert error_at_the_end(guide["rollout"]).max() < 0.1
 
 
-def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
-    dt = 2.5e-4  # V of a sampled loop falls where the samples are dense
-    controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural", dt=dt)
-    step = pa.trajectories.Hold(guide["robot"].home_angles + 0.2).as_given()  # a law for points
-    rollout = pa.simulate(guide["true"], controller, step, duration=1.0)
-    assert rollout.diverged is None
-    assert (np.diff(rollout.lyapunov) < 0.0).all()
-    assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
-
-
 def test_the_closed_loop_of_the_guide_obeys_its_proof(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
     path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
