@@ -119,24 +119,6 @@ def test_directional_forgetting_acts_on_each_direction():
     assert ends[True] < 1e-3 < 0.3 < ends[False]
 
 
-def test_small_steps_follow_the_rate():
-    rng = np.random.default_rng(1)
-    W, truth = rng.standard_normal((2, 3)), rng.standard_normal(3)
-    fit = pa.adaptation.LeastSquares(
-        [0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, weight=None, forgetting=3.0, directional=True
-    )
-    drive = pa.adaptation.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
-    start = fit.init(np.zeros(3))
-    rate = fit.rate(start, drive)
-    for h, within in ((1e-5, 1e-3), (1e-6, 1e-4)):
-        after = fit.step(start, drive, h)
-        for moved, was, slope in zip(
-            (after.value, *after.memory), (start.value, *start.memory), (rate.value, *rate.memory),
-            strict=True,
-        ):  # fmt: skip
-            assert np.abs((moved - was) / h - slope).max() <= within * np.abs(slope).max()
-
-
 def test_box_projects_in_the_metric_of_the_present_gain():
     """The nearest point of the box in the metric P^-1 does not increase da^T P^-1 da."""
     rng = np.random.default_rng(2)

@@ -108,7 +108,6 @@ UNUSABLE = {
     "truth values": lambda value: value > 0.0,
     "not a number": lambda value: np.where(np.arange(len(value)) == 0, np.nan, value),
     "infinite": lambda value: np.where(np.arange(len(value)) == 0, np.inf, value),
-    "infinite": lambda value: np.where(np.arange(len(value)) == 0, np.inf, value),
 }
 
 BRIDGED = [("None", "x"), ("infinite", "x"), ("None", "xd")]  # by the last frame, by J_hat v

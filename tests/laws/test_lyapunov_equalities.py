@@ -64,24 +64,6 @@ def test_equality_along_the_trajectory(law, name, adaptation):
     energy.check()
 
 
-def test_resolved_acceleration_obeys_its_linear_closed_loop():
-    """With the truth known, |dx| is (1 + w t) exp(-w t), (10) with K_v = 2 w, K_P = w^2."""
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(
-        robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0
-    )
-    start = np.array([0.02, -0.01, 0.03])
-    rollout = pa.simulate(
-        robot,
-        controller,
-        pa.trajectories.Hold(robot.position(robot.q0) - start).as_given(),
-        duration=0.5,
-        engine=pa.Engine(dt=2e-3, continuous=True),
-    )
-    decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
-    assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
-
-
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
 def test_velocity_filters_identify_the_tool(law):
     """(3)-(4) sampled with their inputs held left the estimate of the tool 2 mm off, for good."""

@@ -31,7 +31,8 @@ def check(robot, unknown):
     a_k = kinematics.initial + 0.2 * rng.standard_normal(kinematics.size)
     a_k_rate = rng.standard_normal(kinematics.size)
 
-    size = check_motion(kinematics, (q, v, a), a_k, a_k_rate, accuracy=1e-8)
+    rows = kinematics.positions  # the orientation that the law follows is that of its observer
+    size = check_motion(kinematics, (q, v, a), a_k, a_k_rate, accuracy=1e-8, rows=rows)
     assert np.allclose(kinematics.Y_k @ a_k, kinematics.xd_hat, atol=1e-12 * size)
     assert np.allclose(kinematics.X_k @ a_k, kinematics.p_hat, atol=1e-12 * size)
     regressor = kinematics.acceleration_regressor(a)

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinadapt as pa
+from pinadapt.models import FrameKinematics
 from pinadapt.tasks.frame import TASKS, matrix, quaternion, rotation_between, rotation_drift, turned
-from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
+from tests.support.chains import catalogue_robot, chains, each_size, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.identities import check_kinematics, unknown_choices
 from tests.support.loops import energy_along, with_tool_and_load
@@ -87,26 +88,15 @@ def test_rotation_vectors_are_accurate_up_to_half_a_turn():
 def test_identities_on_robots(name, task):
     robot = replace(catalogue_robot(name), task=TASKS[task])
     for unknown in unknown_choices(robot):
-        check_kinematics(robot, unknown)
+        check_kinematics(FrameKinematics(robot, unknown))
 
 
 @each_size()
 @given(robot=chains)
 @seeded
 def test_identities_on_random_chains(robot):
-    check_kinematics(replace(robot, task=POSE), [*robot.joint_names[1:], "tool"])
-
-
-def test_plant_robot_and_estimated_kinematics_agree():
-    robot = pose_robot("kinova")
-    q, v, _ = random_state(robot, np.random.default_rng(4))
-    seen = pa.plants.PinocchioPlant(robot).measurement(q, v)
-    x, xd = seen.x, seen.xd
-    believed = pa.models.FrameKinematics(robot, ["tool"])
-    believed.update(believed.initial, q, v)
-    assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)
-    assert np.allclose(POSE.error(x, believed.x_hat), 0.0, atol=1e-12)
-    assert np.allclose(xd, believed.xd_hat, atol=1e-12)
+    robot = replace(robot, task=POSE)
+    check_kinematics(FrameKinematics(robot, [*robot.joint_names[1:], "tool"]))
 
 
 # --- trajectories ---
