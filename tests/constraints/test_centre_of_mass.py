@@ -6,10 +6,8 @@ import pytest
 
 import pinadapt as pa
 from benchmarks.standing import Sway
-from pinadapt.cli.command_line import main
 from pinadapt.models import ComKinematics
 from pinadapt.plants import PinocchioPlant, SimulatedSensors
-from pinadapt.scenario.scenario import Scenario
 from pinadapt.trajectories import Circle, Crawl
 from pinadapt.trajectories.pose import PoseTrajectory, Swing
 from tests.constraints.test_standing import FEET, TRUNK, standing
@@ -134,22 +132,6 @@ def test_a_reachable_circle_keeps_it_above_the_feet():
     x = path.positions(np.linspace(0.0, path.period, 50))[:, :2]
     assert (x > feet[:, :2].min(axis=0)).all() and (x < feet[:, :2].max(axis=0)).all()
     assert np.ptp(x[:, 0]) > 0.05
-
-
-@pytest.mark.slow
-def test_one_name_in_files_settings_and_python(tmp_path, capsys):
-    file, feet = tmp_path / "a1.toml", ",".join(FEET["a1"])
-    assert main(["init", "a1", "--contacts", feet, "--task", "com", "--out", str(file)]) == 0
-    assert "task com." in capsys.readouterr().out
-    scenario = Scenario.read(file, ["simulation.duration=0.02"])
-    robot = standing("a1", task="com")
-    assert np.allclose(scenario.true.position(robot.q0), robot.position(robot.q0), atol=1e-9)
-    trunk = Scenario.read(file, ["robot.task='pose'"]).true
-    assert trunk.position(robot.q0)[2] == pytest.approx(robot.q0[2], abs=1e-9)
-    rollout = scenario.run(progress=False)
-    rollout.save(tmp_path / "out")
-    back = pa.Rollout.load(tmp_path / "out")
-    assert back.task == robot.task and back.verdict == rollout.verdict
 
 
 @pytest.mark.parametrize(

@@ -207,25 +207,19 @@ def test_lyapunov_equality_whatever_the_constraint_forces_are(name, adaptation):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "mass", "worst", "end"),
-    [("a1", 11.0, 4e-3, 1e-4), ("talos", 10.0, 2e-3, 4e-4)],
-)
-def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, end):
+def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     """In MuJoCo, whose contacts lift and slide; nothing is tuned by robot.
 
     And it is identified from the log, which has none of the forces that bear it.
     """
-    robot = standing(name)
+    robot = standing("a1")
     high = robot.q0[2]
-    load = pa.Payload(mass, [0.2 * high, 0.08 * high, 0.32 * high])
+    load = pa.Payload(11.0, [0.2 * high, 0.08 * high, 0.32 * high])
     true, controller = robot.changed(payload=load), pa.make_controller(robot, unknown=TRUNK)
     run = pa.simulate(true, controller, Sway(robot), duration=3.0, engine="mujoco", progress=False)
     trunk = true.model.inertias[6]
-    assert run.distance.max() < worst and run.distance[-800:].max() < end
+    assert run.distance.max() < 4e-3 and run.distance[-800:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
-    if name != "a1":
-        return
     found = pa.identify(run, robot, unknown="payload", progress=False)
     body, errors = found.robot.model.inertias[6], found.torque_errors
     assert body.mass == pytest.approx(trunk.mass, abs=0.02)

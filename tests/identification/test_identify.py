@@ -192,7 +192,8 @@ def as_csv(path, log, robot):
     return path
 
 
-def test_the_command_writes_its_files(tmp_path, capsys):
+def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("pinadapt.identification.online_estimates._TIMES", 20, raising=False)
     robot = catalogue_robot("ur5")
     log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
     out = tmp_path / "out"
