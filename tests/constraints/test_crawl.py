@@ -69,6 +69,21 @@ def test_a_load_is_found_while_walking():
         pa.identify(rollout, robot, unknown="payload", progress=False)
 
 
+def with_feet(robot, q, places, legs=range(4)):
+    """Return q (18) with feet of these legs at their places (4, 3), by steps of Newton."""
+    model, data, q = robot.model, robot.model.createData(), q.copy()
+    for _ in range(20):
+        for leg in legs:
+            foot, dofs = (
+                model.getFrameId(robot.contacts[leg].frame),
+                slice(6 + 3 * leg, 9 + 3 * leg),
+            )
+            J = pin.computeFrameJacobian(model, data, q, foot, pin.LOCAL_WORLD_ALIGNED)[:3, dofs]
+            off = pin.updateFramePlacement(model, data, foot).translation - places[leg]
+            q[dofs] -= np.linalg.solve(J, off)
+    return q
+
+
 def test_lyapunov_equality_with_a_foot_in_the_air():
     """d/dt of s^T M s / 2 by differences, along the acceleration of a robot on three feet."""
     robot = standing("a1").changed(friction=pa.Friction(), armature=0.0)
@@ -78,14 +93,7 @@ def test_lyapunov_equality_with_a_foot_in_the_air():
     stands = np.repeat(crawl.at(t).feet.stands, 3)
     q, desired = robot.q0.copy(), crawl.at(t)
     q[:3] = desired.x_d[:3]
-    for _ in range(20):  # the feet where they are desired
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        for leg, contact in enumerate(robot.contacts):
-            foot, dofs = model.getFrameId(contact.frame), slice(6 + 3 * leg, 9 + 3 * leg)
-            off = data.oMf[foot].translation - desired.feet.x_d[leg]
-            J = pin.getFrameJacobian(model, data, foot, pin.LOCAL_WORLD_ALIGNED)[:3, dofs]
-            q[dofs] -= np.linalg.solve(J, off)
+    q = with_feet(robot, q, desired.feet.x_d)
     v = 0.01 * rng.standard_normal(18)
     A, rate = robot.constrained.at(q, v)
     v -= np.linalg.pinv(A[stands]) @ (A[stands] @ v)
@@ -101,8 +109,8 @@ def test_lyapunov_equality_with_a_foot_in_the_air():
         return 0.5 * s @ pin.crba(model, data, q) @ s
 
     state, signals = seen(q, v, t)
-    command = controller.law.command(signals, controller._model(state, signals, None))
-    tau = controller._forces.solve(q, command.torque, crawl.at(t).feet.stands).torque
+    _, command = controller.command(state, pa.Measurement(t, q, v, robot.position(q)), desired)
+    tau = controller._forces.solve(q, command.torque, desired.feet.stands).torque
     M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
     saddle = np.block([[M, -A.T], [A, np.zeros((9, 9))]])
     a = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[:18]
