@@ -55,7 +55,7 @@ def test_a_heavy_load_is_held_with_coarse_encoders_and_a_tilted_imu():
     simulated = pa.plants.SimulatedSensors(true, 1e-3, sensors)
     plant = pa.plants.MujocoPlant(true)
     stream = pa.run(plant, controller, Sway(robot), dt=1e-3, sensors=simulated)
-    samples = list(islice(stream, 2500))
+    samples = list(islice(stream, 1500))
     heights = [sample.truth.x[2] - sample.desired.x_d[2] for sample in samples]
     assert np.abs(heights).max() < 5e-3
     assert samples[-1].state.a_d[0] == pytest.approx(true.model.inertias[6].mass, rel=0.02)

@@ -136,7 +136,7 @@ def test_the_platform_of_a_delta_follows_with_wrong_inertias():
     robot = pa.load(DELTA, frame="tool")
     path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
     controller = pa.make_controller(robot.changed(inertial_scale=0.7), unknown=RIGID, dt=2e-3)
-    rollout = pa.simulate(robot, controller, path, duration=2.5, progress=False)
+    rollout = pa.simulate(robot, controller, path, duration=2.0, progress=False)
     assert rollout.distance[-250:].max() < 1e-4  # 2.2 mm without adaptation
 
 
@@ -154,6 +154,6 @@ def test_joints_under_constraints_follow_with_wrong_inertias(make):
         controller = pa.make_controller(
             model, unknown=RIGID, adaptation=adaptation, limits=pa.Limits(guards=False), dt=2e-3
         )
-        rollout = pa.simulate(robot, controller, path, duration=3.0, progress=False)
+        rollout = pa.simulate(robot, controller, path, duration=2.0, progress=False)
         ends.append(np.abs(rollout.distance[-250:]).max())
     assert ends[1] < 0.1 * ends[0]
