@@ -7,6 +7,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
+from tests.support.drives import along
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 from tests.support.snapshots import leaves
 
@@ -112,11 +113,11 @@ def test_small_steps_follow_the_rate(inner):
 
 
 @pytest.mark.parametrize("inner", INNER)
-def test_gain_times_equals_the_product_with_the_gain(inner):
-    adaptation, X = INNER[inner](), np.random.default_rng(0).standard_normal((3, 4))
+def test_the_gain_is_that_of_a_gradient(inner):
+    adaptation, G = INNER[inner](), np.random.default_rng(0).standard_normal((3, 4))
     estimate = begun(adaptation)
-    columns = adaptation.gain(estimate) @ X
-    assert np.allclose(adaptation.gain_times(estimate, X), columns, rtol=1e-12)
+    rates = [adaptation.rate(estimate, along(g)).value for g in G.T]
+    assert np.allclose(adaptation.gain_times(estimate, G), -np.array(rates).T, rtol=1e-12)
 
 
 LOOPS = [
