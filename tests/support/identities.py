@@ -54,10 +54,10 @@ def check_motion(kinematics, state, a_k, a_k_rate, *, accuracy, rows=None):
 
 
 def check_kinematics(kinematics: pa.models.TaskKinematics) -> None:
-    """Motion and regressors of one or several frames at another than the described estimate.
+    """Motion and regressors at another than the described estimate.
 
     Positions, velocities and accelerations are affine in the estimate: a step of it is no
-    truncation.
+    truncation. No other rows depend on it.
     """
     rng, task, p = np.random.default_rng(7), kinematics.task, kinematics.positions
     q, v, a = random_state(kinematics.robot, rng)
