@@ -179,24 +179,11 @@ def test_the_log_of_another_robot_is_doubted():
         pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
 
 
-def as_csv(path, log, robot):
-    """Write a log as a CSV file."""
-    columns = {"time": log.t}
-    for signal in ("q", "v", "tau"):
-        for j, name in enumerate(robot.joint_names):
-            columns[f"{signal}_{name}"] = getattr(log, signal)[:, j]
-    np.savetxt(
-        path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
-        comments="",
-    )  # fmt: skip
-    return path
-
-
 def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("pinadapt.identification.online_estimates._TIMES", 20, raising=False)
     robot = catalogue_robot("ur5")
-    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
-    out = tmp_path / "out"
+    moved, log, out = recorded("ur5", duration=4.0), tmp_path / "log.npz", tmp_path / "out"
+    np.savez(log, t=moved.t, q=moved.q, v=moved.v, tau=moved.tau)
     known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
     robot.save(tmp_path / "published.urdf", shapes=False)
     known += ["--compare", str(tmp_path / "published.urdf")]

@@ -99,37 +99,6 @@ def test_identities_on_random_chains(robot):
     check_kinematics(FrameKinematics(robot, [*robot.joint_names[1:], "tool"]))
 
 
-# --- trajectories ---
-
-
-@pytest.mark.parametrize(
-    "orientation",
-    [
-        pa.trajectories.Swing([1.0, 2.0, -0.5], 0.7, 1.3, 0.4),
-        pa.trajectories.FixedOrientation([0.6, 0.0, 0.8, 0.0]),
-    ],
-)
-@pytest.mark.parametrize("t", [0.0, 0.3, 1.1])
-def test_derivatives_of_pose_trajectories_are_exact(orientation, t):
-    path = pa.trajectories.PoseTrajectory(
-        pa.trajectories.Lissajous([0.5, 0.1, 0.4], 0.1, [1.0, 2.0, 3.0], 4.0), orientation
-    )
-    start = np.array([0.3, -0.2, 0.5, *quaternion(pin.exp3(np.array([1.0, -2.0, 0.3])))])
-    moved = path.starting_at(start)
-    check_derivatives(path, t)
-    check_derivatives(moved, t)
-    assert np.allclose(POSE.error(moved.at(0.0).x_d, start), 0.0, atol=1e-14)
-
-
-def check_derivatives(motion, t):
-    """Velocity and acceleration of a pose trajectory against finite differences."""
-    now = motion.at(t)
-    velocity = derivative(lambda h: POSE.error(motion.at(t + h).x_d, now.x_d))
-    assert np.allclose(now.xd_d, velocity, atol=1e-9)
-    assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)
-    assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)
-
-
 # --- the proofs ---
 
 
