@@ -17,7 +17,6 @@ from tests.support.loops import energy_along
 pytestmark = pytest.mark.slow
 
 ADAPTIVE = ["slotine-li", "craig", "spong-ortega"]
-ROBOTS = ["planar_2r", "panda", "mixed"]
 # Craig's law needs M_hat invertible, Spong and Ortega's M + M_0 - M_hat: they get low rates.
 RATES = {"slotine-li": 1e-4, "craig": 1e-6, "spong-ortega": 1e-6}  # test_contract.py: natural
 
