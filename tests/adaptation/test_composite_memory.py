@@ -68,10 +68,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, share):
     )
     with_share(controller, share)
     energy = energy_along(true, controller, beside(true), seconds=0.01)
-    assert energy.mismatch(after=10) <= 1e-4
-    assert np.abs(energy.rate).max() > 1e-6
-    assert (energy.rate <= 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check(after=10, moved=1e-6)
 
 
 def remembering(p=6, n=2, **gains):
@@ -92,24 +89,6 @@ def shown(truth, W, estimate):
     """Return the drive of a prediction alone, W (n, p), at the truth (p)."""
     Y = np.zeros((1, truth.size))
     return pa.adaptation.Drive(Y, None).with_prediction_error(W, W @ (estimate.value - truth))
-
-
-def test_errors_in_excited_directions_decay_without_further_excitation():
-    """Four combinations of six parameters are excited for a while; the other two errors stay."""
-    adaptation, estimate, truth = remembering()
-    rng, dt = np.random.default_rng(1), 1e-3
-    shows = rng.standard_normal((2, 2, 6))
-    for k in range(40):
-        estimate = adaptation.step(estimate, shown(truth, shows[k % 2], estimate), dt)
-    before = estimate.value - truth
-    for _ in range(500):
-        estimate = adaptation.step(estimate, shown(truth, np.zeros((2, 6)), estimate), dt)
-    after = estimate.value - truth
-    announced = np.vstack(shows)
-    left = np.linalg.norm(announced @ after) / np.linalg.norm(announced @ before)
-    assert left == pytest.approx(np.exp(-3.0 * 0.5), rel=0.01)
-    untold = np.linalg.svd(announced @ adaptation.gain(pa.adaptation.Estimate(truth)))[2][4:]
-    assert np.allclose(untold @ after, untold @ before, atol=1e-9)
 
 
 def excited(**gains):

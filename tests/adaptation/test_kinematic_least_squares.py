@@ -55,10 +55,7 @@ def test_lyapunov_equality_along_the_trajectory(case):
     """V contains da_k^T P^-1 da_k / 2 instead of a constant metric, for every law and weight."""
     true, controller, path, start = CASES[case]()
     energy = energy_along(true, controller, path, seconds=0.01, **start)
-    assert energy.mismatch(after=10) <= 1e-4  # at first R rises from W_k = 0 in a few samples
-    assert np.abs(energy.rate).max() > 1e-4
-    assert (energy.rate <= 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check(after=10)  # at first R rises from W_k = 0 in a few samples
 
 
 def known_after(seconds, name="panda", *, base=False, sensors=None, **options):
@@ -102,24 +99,6 @@ def test_base_and_tool_are_both_identified():
     assert wrong < 1e-3 and slow > 50.0 * wrong and slow > 0.01
 
 
-def test_a_held_frame_counts_once():
-    """A hundred steps with one frame equal one step of a hundred times the length."""
-    rng = np.random.default_rng(0)
-    X, b = rng.standard_normal((3, 6)), rng.standard_normal(3)
-    fit = pa.adaptation.LeastSquares(0.3, 6, weight=[2.0, 3.0, 4.0], forgetting=0.0)
-    once = many = fit.init(rng.standard_normal(6))
-
-    def seen(estimate):
-        nothing = np.zeros((1, 6))
-        return pa.adaptation.Drive(nothing, None).with_prediction_error(X, X @ estimate.value + b)
-
-    once = fit.step(once, seen(once), 1.0)
-    for _ in range(100):
-        many = fit.step(many, seen(many), 0.01)
-    assert np.allclose(once.value, many.value, atol=1e-11)
-    assert np.allclose(once.memory[0], many.memory[0], rtol=1e-11)
-
-
 def test_directional_forgetting_acts_on_each_direction():
     """With one parameter unexcited the other is followed; bounded-gain forgetting stops both."""
     W, ends = np.array([[1.0, 0.0]]), {}
@@ -138,24 +117,6 @@ def test_directional_forgetting_acts_on_each_direction():
         ends[directional] = abs(estimate.value[0] - 2.0)
         assert max(excess) <= 1e-12
     assert ends[True] < 1e-3 < 0.3 < ends[False]
-
-
-def test_small_steps_follow_the_rate():
-    rng = np.random.default_rng(1)
-    W, truth = rng.standard_normal((2, 3)), rng.standard_normal(3)
-    fit = pa.adaptation.LeastSquares(
-        [0.5, 1.0, 2.0], 3, rate=20.0, floor=0.1, weight=None, forgetting=3.0, directional=True
-    )
-    drive = pa.adaptation.Drive(np.ones((1, 3)), np.ones(1), W, W @ -truth, np.eye(2))
-    start = fit.init(np.zeros(3))
-    rate = fit.rate(start, drive)
-    for h, within in ((1e-5, 1e-3), (1e-6, 1e-4)):
-        after = fit.step(start, drive, h)
-        for moved, was, slope in zip(
-            (after.value, *after.memory), (start.value, *start.memory), (rate.value, *rate.memory),
-            strict=True,
-        ):  # fmt: skip
-            assert np.abs((moved - was) / h - slope).max() <= within * np.abs(slope).max()
 
 
 def test_box_projects_in_the_metric_of_the_present_gain():

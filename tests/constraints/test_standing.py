@@ -1,6 +1,5 @@
 """Robots that stand: regressors and Jacobians of the tree, forces, V, loads found in MuJoCo."""
 
-import pickle
 from itertools import islice
 
 import numpy as np
@@ -13,12 +12,12 @@ from pinadapt.controller.constraint_forces import ConstraintForces, Missed
 from pinadapt.models.linear_kinematics import FrameKinematics
 from pinadapt.robot.constraints import Constraints
 from pinadapt.trajectories.pose import PoseTrajectory, Swing
+from tests.support.identities import check_kinematics
 from tests.support.loops import energy_along
 
 SOLE = (0.1, 0.05)
 FEET = {
     "a1": ["FL_foot", "FR_foot", "RL_foot", "RR_foot"],
-    "solo12": ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"],
     "talos": [pa.Contact("left_sole_link", SOLE), pa.Contact("right_sole_link", SOLE)],
 }
 TRUNK = pa.Unknown(bodies="payload", friction=False, armature=False)
@@ -50,30 +49,14 @@ def test_a_free_base_is_six_joints_without_motors():
 
 
 @pytest.mark.parametrize("frame", [None, "FR_foot", "RL_calf"])
-def test_the_kinematics_of_a_frame_of_a_tree_are_those_of_pinocchio(frame):
+def test_the_kinematics_of_a_frame_of_a_tree_are_exact_and_those_of_pinocchio(frame):
     robot = standing("a1", frame=frame)
     kinematics = FrameKinematics(robot, ["tool"] if frame else [])
-    rng = np.random.default_rng(1)
-    q, v = robot.q0 + 0.3 * rng.standard_normal(18), rng.standard_normal(18)
-    kinematics.update(kinematics.initial, q, v)
-    model, data = robot.model, robot.model.createData()
-    pin.computeJointJacobiansTimeVariation(model, data, q, v)
-    pin.updateFramePlacements(model, data)
-    given = model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
-    assert np.allclose(kinematics.J, pin.getFrameJacobian(*given), atol=1e-12)
-    rate = kinematics.jacobian_rate(np.zeros(kinematics.size))
-    assert np.allclose(rate, pin.getFrameJacobianTimeVariation(*given), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["a1", "talos"])
-def test_the_rate_of_the_constraints_is_that_of_differences(name):
-    robot = standing(name)
-    constraints = Constraints(robot.model, robot.constraints)
-    rng, h = np.random.default_rng(2), 1e-6
-    v = rng.standard_normal(robot.model.nv)
-    q = robot.q0 + 0.1 * rng.standard_normal(robot.model.nv)
-    before, after = (constraints.at(q + sign * h * v, v)[0] for sign in (-1.0, 1.0))
-    assert np.allclose(constraints.at(q, v)[1], (after - before) / (2.0 * h), atol=1e-6)
+    check_kinematics(kinematics)
+    q = robot.q0 + 0.3 * np.random.default_rng(1).standard_normal(18)
+    kinematics.update(kinematics.initial, q, np.zeros(18))
+    off = robot.task.error(kinematics.x_hat, robot.position(q))
+    assert np.allclose(off, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["a1", "talos"])
@@ -98,9 +81,16 @@ def test_forces_keep_the_base_and_stay_in_their_cones(name):
 
 
 def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
+    """And the limit that it misses is named."""
     robot = standing("a1")
-    forces = ConstraintForces(robot, None)
+    forces, strong = ConstraintForces(robot, None), np.full(18, 50.0)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    assert ConstraintForces(robot, strong).solve(robot.q0, g).missed == Missed()
+    strong[robot.joint_names.index("RR_calf_joint")] = 0.5
+    torque, _, missed = ConstraintForces(robot, strong).solve(robot.q0, g)
+    assert missed.cause.startswith("effort of ") and (np.abs(torque[6:]) <= strong[6:]).all()
+    _, _, missed = forces.solve(robot.q0, g + np.eye(18)[0] * 0.43 * g[2])  # 0.42 is borne
+    assert missed.cause.startswith("contact of") and 0.1 < missed.size < 0.02 * g[2]
     g[0] = 5.0 * g[2]  # five times the weight along the ground
     torque, _, missed = forces.solve(robot.q0, g)
     assert missed.size > g[2] and missed.cause.startswith("contact of ")
@@ -109,19 +99,6 @@ def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
     assert (f[:, 2] > -1e-3 * g[0]).all()
     assert (np.linalg.norm(f[:, :2], axis=1) <= 0.6 * f[:, 2] + 2e-3 * g[0]).all()
     assert f[:, 0].sum() > 0.3 * f[:, 2].sum()  # as much as friction allows
-
-
-def test_the_limit_that_a_torque_misses_is_named():
-    robot = standing("a1")
-    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
-    strong = np.full(18, 50.0)
-    assert ConstraintForces(robot, strong).solve(robot.q0, g).missed == Missed()
-    aside = g + np.eye(18)[0] * 0.43 * g[2]  # friction bears 0.42 of the weight
-    torque, _, missed = ConstraintForces(robot, strong).solve(robot.q0, aside)
-    assert missed.cause.startswith("contact of") and 0.1 < missed.size < 0.02 * g[2]
-    strong[robot.joint_names.index("RR_calf_joint")] = 0.5
-    torque, _, missed = ConstraintForces(robot, strong).solve(robot.q0, g)
-    assert missed.cause.startswith("effort of ") and (np.abs(torque[6:]) <= strong[6:]).all()
 
 
 def test_a_run_says_when_its_torque_was_infeasible():
@@ -209,30 +186,6 @@ def test_what_constraints_leave_is_known_where_their_rows_depend_on_each_other()
         assert np.allclose(given, own, atol=1e-10)
 
 
-def test_a_copy_of_a_controller_that_stands_gives_the_same_torque():
-    robot = standing("a1")
-    controller = pa.make_controller(robot, unknown=TRUNK)
-    other = pickle.loads(pickle.dumps(controller))
-    plant = pa.plants.PinocchioPlant(robot)
-    measurement = plant.measurement(robot.q0, np.zeros(18))
-    sway = PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 2e-3, 1.0), None)
-    desired = sway.starting_at(robot.position(robot.q0)).at(0.0)
-    torques = [
-        each.step(each.init(measurement), measurement, desired, 1e-3)[0]
-        for each in (controller, other)
-    ]
-    assert np.array_equal(*torques)
-
-
-def test_contacts_that_leave_a_motion_of_the_base_are_refused():
-    for feet in ([], FEET["a1"][:2]):
-        robot = pa.load("a1", base="free", contacts=feet)
-        with pytest.raises(pa.exceptions.RobotError, match="no motor moves"):
-            pa.make_controller(robot)
-    with pytest.raises(pa.exceptions.RobotError, match="free base"):
-        pa.load("a1", task="joint", contacts=FEET["a1"])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a1", "talos"])
 @pytest.mark.parametrize("adaptation", ["natural", "natural-memory"])
@@ -250,23 +203,25 @@ def test_lyapunov_equality_whatever_the_constraint_forces_are(name, adaptation):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "mass", "worst", "end"),
-    [("a1", 11.0, 4e-3, 1e-4), ("solo12", 1.0, 2e-3, 1e-4), ("talos", 10.0, 2e-3, 4e-4)],
-)
-def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, end):
-    """In MuJoCo, whose contacts lift and slide; nothing is tuned by robot."""
-    robot = standing(name)
+def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
+    """In MuJoCo, whose contacts lift and slide; nothing is tuned by robot.
+
+    And it is identified from the log, which has none of the forces that bear it.
+    """
+    robot = standing("a1")
     high = robot.q0[2]
-    load = pa.Payload(mass, [0.2 * high, 0.08 * high, 0.32 * high])
-    true, path = robot.changed(payload=load), Sway(robot)
-    controller = pa.make_controller(robot, unknown=TRUNK)
-    stream = pa.run(pa.plants.MujocoPlant(true), controller, path, dt=1e-3)
-    samples = list(islice(stream, 4000))
-    errors = [np.linalg.norm(s.measurement.x[:3] - s.desired.x_d[:3]) for s in samples]
-    trunk = true.model.inertias[6].mass
-    assert max(errors) < worst and max(errors[-800:]) < end
-    assert abs(samples[-1].state.a_d[0] / trunk - 1.0) < 0.02
+    load = pa.Payload(11.0, [0.2 * high, 0.08 * high, 0.32 * high])
+    true, controller = robot.changed(payload=load), pa.make_controller(robot, unknown=TRUNK)
+    run = pa.simulate(true, controller, Sway(robot), duration=3.0, engine="mujoco", progress=False)
+    trunk = true.model.inertias[6]
+    assert run.distance.max() < 4e-3 and run.distance[-800:].max() < 1e-4
+    assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
+    found = pa.identify(run, robot, unknown="payload", progress=False)
+    body, errors = found.robot.model.inertias[6], found.torque_errors
+    assert body.mass == pytest.approx(trunk.mass, abs=0.02)
+    assert np.abs(body.lever - trunk.lever).max() < 2e-3
+    assert errors.learned_held_out.mean() < 0.05 * errors.described_held_out.mean()
+    assert abs(found.dynamic.estimate[0] - trunk.mass) < 4.0 * found.dynamic.deviations[0]
 
 
 @pytest.mark.slow
@@ -303,6 +258,11 @@ def test_what_does_not_hold_under_constraints_is_refused():
     robot = standing("a1")
     with pytest.raises(pa.InputError, match="constraints"):
         pa.make_controller(robot, unknown=TRUNK, law="adaptive-inverse-dynamics")
+    for feet in ([], FEET["a1"][:2]):
+        with pytest.raises(pa.RobotError, match="no motor moves"):
+            pa.make_controller(pa.load("a1", base="free", contacts=feet))
+    with pytest.raises(pa.RobotError, match="free base"):
+        pa.load("a1", task="joint", contacts=FEET["a1"])
     linkage = robot.changed()
     object.__setattr__(linkage, "constraints", (pa.Loop("FL_foot", "FR_foot"), *robot.constraints))
     with pytest.raises(pa.InputError, match="would simulate the robot without"):
@@ -349,30 +309,3 @@ def test_a_robot_that_stands_with_friction_in_its_joints_rests():
     for _ in range(50):
         plant.hold(torque, 1e-3)
     assert np.abs(plant.measure().v).max() < 1e-6
-
-
-@pytest.mark.slow
-def test_a_load_is_identified_from_a_log_of_a_robot_that_stands():
-    """Whatever forces bear it: the log has none of them."""
-    robot = standing("a1")
-    load = pa.Payload(5.0, (0.05, 0.02, 0.08))
-    true = robot.changed(payload=load, viscous=np.append(np.zeros(6), np.full(12, 0.1)))
-    sway = PoseTrajectory(
-        pa.trajectories.Circle(np.zeros(3), 0.015, 1.0), Swing((0.0, 1.0, 0.0), 0.1, 1.0)
-    )
-    rollout = pa.simulate(
-        true,
-        pa.make_controller(robot, unknown=TRUNK),
-        sway.starting_at(true.position(true.q0)).from_rest(0.3),
-        duration=3.0,
-        engine="mujoco",
-        progress=False,
-    )
-    found = pa.identify(rollout, robot, unknown="payload", progress=False)
-    bodies = [each.model.inertias[6] for each in (robot, found.robot, true)]
-    assert bodies[1].mass - bodies[2].mass == pytest.approx(0.0, abs=0.02)
-    assert np.abs(bodies[1].lever - bodies[2].lever).max() < 2e-3
-    errors = found.torque_errors
-    assert errors.learned_held_out.mean() < 0.05 * errors.described_held_out.mean()
-    off = (found.dynamic.estimate[0] - bodies[2].mass) / found.dynamic.deviations[0]
-    assert abs(off) < 4.0

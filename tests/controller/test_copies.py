@@ -30,19 +30,31 @@ def posing(robot):
     return path.starting_at(robot.position(robot.q0))
 
 
+def swaying(robot):
+    circle = pa.trajectories.Circle(np.zeros(3), 2e-3, 1.0)
+    return pa.trajectories.PoseTrajectory(circle, None).starting_at(robot.position(robot.q0))
+
+
+STANDS = {"base": "free", "contacts": ("FL_foot", "FR_foot", "RL_foot", "RR_foot")}
 LAW_11 = "adaptive-inverse-dynamics"
-CASES = {  # robot, its task, options of the controller, motion
-    "panda, law (11)": ("panda", None, {"law": LAW_11}, motion_at_home),
+CASES = {  # robot, its options, options of the controller, motion
+    "panda, law (11)": ("panda", {}, {"law": LAW_11}, motion_at_home),
     "planar, basis": (
         "planar_2r",
-        None,
+        {},
         {"unknown": pa.Unknown(basis=BASIS, lmi=LMI)},
         lambda robot: CIRCLE,
     ),
-    "ur5, lumped": ("ur5", None, {"unknown": lengths, "adaptation": "projected"}, motion_at_home),
+    "ur5, lumped": ("ur5", {}, {"unknown": lengths, "adaptation": "projected"}, motion_at_home),
+    "a1, standing": (
+        "a1",
+        STANDS,
+        {"unknown": pa.Unknown(bodies="payload", friction=False, armature=False)},
+        swaying,
+    ),
     "kinova, pose": (
         "kinova",
-        "pose",
+        {"task": "pose"},
         {"law": "adaptive-jacobian", "unknown": pa.Unknown(friction=True, armature=True)},
         posing,
     ),
@@ -52,8 +64,8 @@ CASES = {  # robot, its task, options of the controller, motion
 @pytest.fixture(params=CASES.values(), ids=CASES.keys(), scope="module")
 def loop(request):
     """Return a controller, its samples, and the torques and the state that they led to."""
-    name, task, options, motion = request.param
-    robot = catalogue_robot(name, **({"task": task} if task else {}))
+    name, loading, options, motion = request.param
+    robot = catalogue_robot(name, **loading)
     options = {key: value(robot) if callable(value) else value for key, value in options.items()}
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
     samples = record(with_tool_and_load(robot), controller, motion(robot))

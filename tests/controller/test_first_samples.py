@@ -32,16 +32,7 @@ class Loop:
             self.controller = pa.make_controller(robot, **options)
         self.plant = pa.plants.PinocchioPlant(self.true) if plant is None else plant
         circle = reachable_circle(robot)
-        self.path = circle.starting_at(self.true.position(self.true.q0))
-
-    def desired(self, t):
-        """Return the circle, begun from rest within a second."""
-        share = min(t, 1.0)
-        s = 2.5 * share**4 - 3.0 * share**5 + share**6 + max(t - 1.0, 0.0)
-        rate = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        slope = 30.0 * (share * (1.0 - share)) ** 2
-        x, v, a = self.path.at(s)
-        return pa.Desired(x, rate * v, rate**2 * a + slope * v)
+        self.path = circle.starting_at(self.true.position(self.true.q0)).from_rest(1.0)
 
     def run(self, seconds, spoil=lambda sample: sample):
         """Yield the controller's state after each sample; an error leaves the last one as it is."""
@@ -53,7 +44,7 @@ class Loop:
             state = self.controller.init(sample) if state is None else state
             before = snapshot(state)
             try:
-                torque, after = self.controller.step(state, sample, self.desired(truth.t), self.dt)
+                torque, after = self.controller.step(state, sample, self.path.at(truth.t), self.dt)
             except pa.ImplausibleError:
                 assert unchanged(state, before)
                 raise

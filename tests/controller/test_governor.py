@@ -59,25 +59,6 @@ def test_a_step_is_exact_for_any_period(governor):
             )
 
 
-def test_velocity_and_acceleration_are_derivatives_along_the_slowed_path(governor):
-    """x_d(s(t)) by differences over time, for positions and for a turning frame."""
-    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0)
-    swing = pa.trajectories.Swing([0.0, 0.0, 1.0], 0.3, 2.0)
-    h = 1e-4
-    for motion in (circle, pa.trajectories.PoseTrajectory(circle, swing)):
-        path, x, v, a = PathTime(0.0, 0.8, -1.0, "error"), [], [], []
-        for k in range(3000):
-            desired = path.desired(motion, k * h)
-            x.append(desired.x_d[:3])
-            v.append(desired.xd_d)
-            a.append(desired.xdd_d)
-            path = governor[0].step(path, 0.2 if k < 1500 else 1.0, "error", h)
-        x, v, a = (np.array(rows) for rows in (x, v, a))
-        assert 0.2 < path.rate < 0.8
-        np.testing.assert_allclose(np.gradient(x, h, axis=0)[5:-5], v[5:-5, :3], atol=1e-5)
-        np.testing.assert_allclose(np.gradient(v, h, axis=0)[5:-5], a[5:-5], atol=3e-3)
-
-
 # --- its factors ---
 
 

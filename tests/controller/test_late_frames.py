@@ -112,37 +112,26 @@ def panda():
 # --- what a late frame tells ---
 
 
-def test_prediction_error_of_a_late_frame_is_that_of_todays_estimate(stream):
-    """At any age, between samples too, while the estimate learns."""
-    task, seen, moved = stream.robot.task, 0, 0.0
+def test_a_late_frame_tells_the_error_of_todays_estimate_and_is_carried_to_today(stream):
+    """At any age, between samples too, while the estimate learns.
+
+    The carried position is off by (X_k(q) - X_k(q_c)) da_k: by nothing with true parameters.
+    """
+    kinematics, task, off, moved = stream.controller.kinematics, stream.robot.task, 0.0, 0.0
     for k, s in stream.signals(FRAMES, count=130):
         taken = max((t for at, t in FRAMES.items() if at <= k), default=0.0)
-        expected = stream.controller.kinematics.at(stream.q(taken))
-        X_k, x_hat = expected[1], task.position(expected[0])
+        x_hat, X_k = kinematics.at(stream.q(taken))
+        seen, da_k = task.position(stream.x(taken)), s.a_k - stream.a_k
         assert np.abs(s.X_k - X_k).max() <= 1e-12
-        assert np.abs(s.epsilon - X_k @ (s.a_k - stream.a_k)).max() <= 1e-12
-        assert np.abs(s.epsilon - (x_hat - task.position(stream.x(taken)))).max() <= 1e-12
-        seen, moved = seen + 1, max(moved, np.abs(s.epsilon).max())
-    assert seen == 130 and moved > 1e-3
-    assert not np.array_equal(s.a_k, stream.controller.kinematics.initial)
-
-
-def test_delay_compensation_with_true_parameters_gives_the_true_position(stream):
-    task = stream.robot.task
-    for k, s in stream.signals(FRAMES, count=130, a_k=stream.a_k, adapting=False):
-        assert np.abs(task.error(s.x, stream.x(k * DT))).max() <= 1e-12
-
-
-def test_the_compensated_position_is_off_by_the_change_of_the_regressor(stream):
-    """x_carried - x = (X_k(q) - X_k(q_c)) da_k, which is not zero."""
-    kinematics, task, off = stream.controller.kinematics, stream.robot.task, 0.0
-    for k, s in stream.signals(FRAMES, count=100):
-        here = kinematics.at(stream.q(k * DT))[1]
-        expected = (here - s.X_k) @ (s.a_k - stream.a_k)
-        x, true = (task.position(x) for x in (s.x, stream.x(k * DT)))
-        assert np.abs(x - true - expected).max() <= 1e-12
-        off = max(off, np.abs(expected).max())
-    assert off > 1e-5
+        assert np.abs(s.epsilon - X_k @ da_k).max() <= 1e-12
+        assert np.abs(s.epsilon - (task.position(x_hat) - seen)).max() <= 1e-12
+        carried = (kinematics.at(stream.q(k * DT))[1] - s.X_k) @ da_k
+        missed = task.error(s.x, stream.x(k * DT))
+        assert np.abs(missed[: task.positions] - carried).max() <= 1e-12
+        assert np.abs(missed[task.positions :]).max(initial=0.0) <= 1e-12
+        off, moved = max(off, np.abs(carried).max()), max(moved, np.abs(s.epsilon).max())
+    assert off > 1e-5 and moved > 1e-3
+    assert not np.array_equal(s.a_k, kinematics.initial)
 
 
 def test_frames_without_delay_are_used_unchanged(stream):

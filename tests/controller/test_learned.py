@@ -4,7 +4,6 @@ import json
 from functools import cache
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -58,40 +57,6 @@ def test_parameters_that_are_not_adapted_keep_their_initial_values():
         for a, b in zip(believed.model.jointPlacements, learned.model.jointPlacements, strict=True)
     )
     assert not learned.friction.present and not learned.model.armature.any()
-
-
-def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
-    described = catalogue_robot("panda")
-    true = described.changed(
-        payload=pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004)),
-        tool_translation=(0.03, -0.02, 0.12),
-    )
-    believed = described.changed(inertial_scale=0.7)
-    path = pa.trajectories.Lissajous(
-        described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0
-    )
-    controller = pa.make_controller(believed, dt=4e-3)
-    rollout = pa.simulate(true, controller, path.as_given(), duration=8.0, record_every=4)
-    rollout.learned().save(tmp_path / "learned.urdf")
-    learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
-    rng, times = np.random.default_rng(3), np.linspace(0.0, 10.0, 200)
-    w, phase = rng.uniform(0.5, 2.5, 7), rng.uniform(0.0, 6.0, 7)
-    waves = 0.5 * np.sin(np.outer(times, w) + phase), 0.5 * w * np.cos(np.outer(times, w) + phase)
-    states = list(zip(described.home_angles + waves[0], waves[1], -(w**2) * waves[0], strict=True))
-
-    def torques(robot):
-        data = robot.model.createData()
-        return np.array(
-            [
-                pin.rnea(robot.model, data, *state) + robot.friction.torque(state[1])
-                for state in states
-            ]
-        )
-
-    first, last = (np.linalg.norm(torques(r) - torques(true)) for r in (believed, learned))
-    assert last < 0.1 * first
-    tools = [[r.placement(q).translation for q, _, _ in states] for r in (learned, true)]
-    assert np.linalg.norm(np.subtract(*tools), axis=1).max() < 1e-4
 
 
 def test_unphysical_bodies_are_refused():

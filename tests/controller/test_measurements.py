@@ -14,6 +14,7 @@ import pinadapt as pa
 from benchmarks.lying_sensors import CONTINUOUS, FAULTS, MEASURES, _apart, begun
 from pinadapt.controller.residuals import new_trail
 from pinadapt.models.delay_compensation import SensedState
+from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 
 LOGS = ROOT.parent / "shared" / "real"
@@ -73,40 +74,26 @@ def test_a_recorded_motion_is_healthy(rate, kind):
 
 
 @cache
-def stopping(name, cause, rate):
-    """Return t, q and v of an arm on a sinusoid, of which one joint stops and is held.
+def stopping(cause, rate):
+    """Return t, q and v of a UR5 on a sinusoid of which one joint stops and is held.
 
-    The others are pushed as the arm's momentum has it, and held on their way by their motors.
+    The others are pushed as the arm's momentum has it, and return to their way by their motors.
     """
-    robot = pa.load(name)
-    model, data = robot.model, robot.model.createData()
-    n, fine = model.nv, 8000.0
-    others = np.arange(n) != JOINT
-    amplitude, omega = np.linspace(0.3, 0.2, n), np.linspace(3.0, 4.0, n)
-    q, v, t, found, held = robot.q0.copy(), amplitude * omega, 0.0, [], False
-    while t < STOP + 0.2:
-        if len(found) <= t * rate + 1e-9:
-            found.append((t, q.copy(), v.copy()))
-        desired = amplitude * np.sin(omega * t)
-        rate_d, a_d = amplitude * omega * np.cos(omega * t), -(omega**2) * desired
-        off = pin.difference(model, pin.integrate(model, robot.q0, desired), q)
-        a = a_d - 100.0 * off - 20.0 * (v - rate_d)
-        if t >= STOP:
-            M, way = pin.crba(model, data, q), 0.0 if held else -np.sign(v[JOINT])
-            slowing = min(DECELERATIONS[cause], abs(v[JOINT]) * fine)
-            reaction = way * slowing - a[JOINT]  # acceleration that friction or contact adds
-            a[JOINT] += reaction
-            a[others] -= np.linalg.solve(M[np.ix_(others, others)], M[others, JOINT]) * reaction
-            held = held or abs(v[JOINT] + a[JOINT] / fine) < 1e-9
-        after = v + a / fine
-        if held:
-            after[JOINT] = 0.0
-        way = 0.5 * (v + after) / fine
-        if held:
-            way[JOINT] = 0.0
-        q, v, t = pin.integrate(model, q, way), after, t + 1.0 / fine
-    t, q, v = (np.array(column) for column in zip(*found, strict=True))
-    return t, q, v
+    robot, fine = catalogue_robot("ur5"), 8000.0
+    t, omega = np.arange(0.0, STOP + 0.2, 1.0 / fine), np.linspace(3.0, 4.0, 6)
+    amplitude = np.linspace(0.3, 0.2, 6)
+    v, after = amplitude * omega * np.cos(np.outer(t, omega)), np.maximum(t - STOP, 0.0)
+    there = v[np.argmax(after > 0.0), JOINT]
+    slowing = min(DECELERATIONS[cause], fine * there)
+    kept = np.where(after > 0.0, np.maximum(there - slowing * after, 0.0), v[:, JOINT])
+    M, others = pin.crba(robot.model, robot.model.createData(), robot.q0), np.arange(6) != JOINT
+    push = np.linalg.solve(M[np.ix_(others, others)], M[others, JOINT])
+    lost = np.where(after > 0.0, there - kept, 0.0) * np.exp(-10.0 * after)
+    v[:, others] += np.outer(lost, push)
+    v[:, JOINT] = kept
+    q = robot.q0 + np.vstack([0.0 * v[:1], np.cumsum(0.5 / fine * (v[1:] + v[:-1]), axis=0)])
+    every = slice(None, None, round(fine / rate))
+    return t[every], q[every], v[every]
 
 
 def counted(q, count, dt):
@@ -119,7 +106,7 @@ def counted(q, count, dt):
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 4000.0])
 @pytest.mark.parametrize("cause", DECELERATIONS)
 def test_a_joint_that_stops_at_once_is_healthy(cause, rate, bits):
-    t, q, v = stopping("ur5", cause, rate)
+    t, q, v = stopping(cause, rate)
     if ENCODERS[bits]:
         q, v = counted(q, ENCODERS[bits], 1.0 / rate)
     read(controller_of("ur5", rate, ENCODERS[bits]), t[1:], q[1:], v[1:])
@@ -127,7 +114,7 @@ def test_a_joint_that_stops_at_once_is_healthy(cause, rate, bits):
 
 @pytest.mark.parametrize("fault", ["rounded", "pause"])
 def test_times_of_a_fast_loop_may_be_rounded_or_pause(fault):
-    t, q, v = stopping("ur5", "friction", 4000.0)
+    t, q, v = stopping("friction", 4000.0)
     if fault == "rounded":
         t = np.round(t, 3)
     else:

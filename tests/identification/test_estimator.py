@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import mujoco
@@ -12,13 +11,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pinadapt as pa
-from benchmarks.standing import Sway
 from pinadapt.identification.fits import Windows
 from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
 from pinadapt.tuning.unknowns import nominal_dynamics
-from tests.constraints.test_loops import five_bar, gripper
-from tests.constraints.test_standing import standing
+from tests.constraints.test_loops import five_bar
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
 
@@ -131,44 +128,15 @@ def test_gears_rub_under_the_load_too():
     assert found.mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_a_state_survives_a_pickle_to_the_bit():
-    estimator = pa.Estimator(catalogue_robot("panda"), "payload", period=4e-3, held=False)
-    parts = signals({0.0: LOAD}, 2.0)
-    states = run(estimator, *parts)
-    k = len(states) // 2
-    copied = pickle.loads(pickle.dumps(states[k]))
-    again = run(estimator, *(part[k + 1 :] for part in parts), state=copied)[-1]
-    expected = estimator.estimate(states[-1]).a
-    assert again.accepted[0] > 10 and (estimator.estimate(again).a == expected).all()
-
-
-def test_after_a_second_an_estimate_is_better_than_the_description():
-    robot = catalogue_robot("panda")
-    parts = signals({0.0: None}, 3.0)
-    _, q, v, a = motion("panda", duration=2.0, dt=2e-2, seed=5)
-    true = torques(robot.changed(viscous=0.5, coulomb=0.8), q, v, a)
-    estimator = pa.Estimator(robot, period=4e-3, held=False)
-    for state in run(estimator, *parts, payload=pa.Payload(0.0))[240::120]:
-        found = estimator.estimate(state).robot
-        data = found.model.createData()
-        own = np.array([pin.rnea(found.model, data, *one) for one in zip(q, v, a, strict=True)])
-        for k, q_k in enumerate(q):
-            g = pin.computeGeneralizedGravity(found.model, data, q_k)
-            own[k] += found.friction.under(g).torque(v[k])
-        before, after = (np.mean((each - true) ** 2) for each in (torques(robot, q, v, a), own))
-        assert after < 0.5 * before, state.t
-
-
-@pytest.mark.parametrize("direction", [(40.0, 0.0, 0.0), (0.0, 0.0, -40.0)])
-def test_a_push_is_not_a_load(direction):
-    robot = catalogue_robot("panda")
+def test_a_push_is_not_a_load():
+    robot, force = catalogue_robot("panda"), (0.0, 0.0, -40.0)
     t, q, v, tau = signals({0.0: None}, 7.0)
     data = robot.model.createData()
     for k in np.flatnonzero((t > 4.0) & (t < 4.5)):
         J = pin.computeFrameJacobian(
             robot.model, data, q[k], robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         )
-        tau[k] -= J[:3].T @ direction
+        tau[k] -= J[:3].T @ force
     estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
     states = run(estimator, t, q, v, tau)
     assert max(len(state.pending) for state in states) > 5  # it was seen
@@ -178,8 +146,8 @@ def test_a_push_is_not_a_load(direction):
 
 def test_an_announced_load_is_the_difference_to_an_arm_of_which_nothing_is_known():
     estimator = pa.Estimator(catalogue_robot("panda"), period=4e-3, held=False)
-    t, q, v, tau = signals({0.0: None, 8.0: LOAD}, 11.0)
-    first = t < 8.0
+    t, q, v, tau = signals({0.0: None, 6.0: LOAD}, 9.0)
+    first = t < 6.0
     parts = [part[first] for part in (t, q, v, tau)]
     empty = run(estimator, *parts, payload=pa.Payload(0.0))[-1]
     assert estimator.estimate(empty).load is None and "no load" in str(estimator.estimate(empty))
@@ -191,24 +159,29 @@ def test_an_announced_load_is_the_difference_to_an_arm_of_which_nothing_is_known
     assert load.mass_known_to < 0.03 and np.allclose(load.com, LOAD.com, atol=0.01)
 
 
+def predicted(robot, q, v, a):
+    """Return the torques (N, n) of a robot whose friction grows with the load of its gears."""
+    data = robot.model.createData()
+    gravity = [pin.computeGeneralizedGravity(robot.model, data, q_k) for q_k in q]
+    rubbing = [robot.friction.under(g).torque(v_k) for g, v_k in zip(gravity, v, strict=True)]
+    moving = [pin.rnea(robot.model, data, *one) for one in zip(q, v, a, strict=True)]
+    return np.array(moving) + np.array(rubbing)
+
+
 def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
+    """After a second they already are better than the description."""
     log, robot = recorded("panda", noisy=True, duration=12.0, dt=4e-3), catalogue_robot("panda")
     estimator = pa.Estimator(robot, period=4e-3, held=False, smooth=True)
-    state = run(estimator, log.t, log.configurations(robot), log.v, log.tau)[-1]
-    found = estimator.estimate(state)
-    _, q, v, a = motion("panda", duration=4.0, dt=8e-3, seed=5)
+    states = run(estimator, log.t, log.configurations(robot), log.v, log.tau)
+    found = estimator.estimate(states[-1])
+    _, q, v, a = motion("panda", duration=4.0, dt=16e-3, seed=5)
     true = torques(true_robot("panda"), q, v, a)
-    data = found.model.createData()
-    frictions = [
-        found.robot.friction.under(pin.computeGeneralizedGravity(found.model, data, q_k))
-        for q_k in q
-    ]
-    own = [pin.rnea(found.model, data, *one) for one in zip(q, v, a, strict=True)]
-    own += np.array([one.torque(v_k) for one, v_k in zip(frictions, v, strict=True)])
-    before, after = (
-        np.sqrt(np.mean((each - true) ** 2)) for each in (torques(robot, q, v, a), own)
+    early = [estimator.estimate(states[k]).robot for k in (250, 375, 625)]
+    before, last, *others = (
+        np.sqrt(np.mean((predicted(each, q, v, a) - true) ** 2))
+        for each in (robot, found.robot, *early)
     )
-    assert after < 0.1 * before
+    assert last < 0.1 * before and max(others) < 0.7 * before
     found.save(tmp_path / "found.urdf")
     again = pa.load(tmp_path / "found.urdf", frame=robot.frame)
     assert np.allclose(again.model.inertias[7].mass, found.model.inertias[7].mass)
@@ -226,7 +199,8 @@ def test_steps_are_pure_and_refuse_what_is_no_measurement():
     parts = signals({0.0: LOAD}, 2.0)
     states = run(estimator, *parts)
     k = len(states) // 2
-    again = run(estimator, *(part[k + 1 :] for part in parts), state=states[k])[-1]
+    copied = pickle.loads(pickle.dumps(states[k]))
+    again = run(estimator, *(part[k + 1 :] for part in parts), state=copied)[-1]
     assert all((a == b).all() for a, b in zip(again.products, states[-1].products, strict=True))
     assert (again.sums == states[-1].sums).all() and again.accepted[0] > 10
     sample = pa.Measurement(3.0, parts[1][0], parts[2][0], tau=parts[3][0])
@@ -248,43 +222,6 @@ def test_too_little_motion_says_which_joint_to_shake():
     assert still.accepted == (0, 0, 0)
     advice = estimator.estimate(still).advice
     assert advice.startswith("not enough motion yet: shake panda_joint")
-
-
-@pytest.mark.slow
-def test_a_load_on_a_robot_that_stands_is_found_whatever_the_ground_does():
-    robot, load = standing("a1"), pa.Payload(5.0, (0.05, 0.02, 0.08))
-    controller = pa.make_controller(
-        robot, unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
-    )
-    plant = pa.plants.MujocoPlant(robot.changed(payload=load))
-    estimator, state, torque = pa.Estimator(robot, "payload"), None, np.zeros(robot.model.nv)
-    for sample in islice(pa.run(plant, controller, Sway(robot), dt=1e-3), 2500):
-        one = sample.measurement._replace(tau=torque)
-        state = estimator.init(one) if state is None else estimator.step(state, one)
-        torque = sample.torque
-    found = estimator.estimate(state).load
-    assert found.mass == pytest.approx(load.mass, rel=0.03)
-    assert np.allclose(found.com, load.com, atol=0.01)
-
-
-def test_a_finger_that_follows_another_needs_no_torque_of_its_own():
-    robot, rng = gripper(), np.random.default_rng(0)
-    true, data = robot.changed(payload=OTHER), robot.model.createData()
-    t, follows = np.arange(0.0, 4.0, 4e-3), np.vstack([np.eye(8), np.eye(8)[-1]])
-    height = np.array([*np.full(7, 0.3), 0.01])
-    w, phase = rng.uniform(2.0, 6.0, (2, 8))
-    waves = height * np.exp(1j * (t[:, None] * w + phase))
-    home = robot.q0[:8]
-    q, v, a = (
-        part @ follows.T for part in (home + waves.imag, w * waves.real, -(w**2) * waves.imag)
-    )
-    tau = np.array([pin.rnea(true.model, data, *one) for one in zip(q, v, a, strict=True)])
-    tau[:, 7] += tau[:, 8]  # through the constraint
-    tau[:, 8] = 0.0
-    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
-    found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
-    assert found.mass == pytest.approx(OTHER.mass, rel=0.02)
-    assert np.allclose(found.com, OTHER.com, atol=5e-3)
 
 
 def test_a_real_log_is_predicted_as_well_as_by_identify():

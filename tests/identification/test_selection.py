@@ -11,7 +11,7 @@ from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_online_estimates")]
 
 
 @cache
@@ -27,7 +27,7 @@ def log_of_friction(name="ur5", noise=0.2, duration=8.0, **friction):
     if "threshold" in spread:
         spread["threshold"] += 0.01
     true = described.changed(inertial_scale=1.1, friction=pa.Friction(**usual, **spread, **shafts))
-    t, q, v, a = motion(name, duration=duration, dt=8e-3)
+    t, q, v, a = motion(name, duration=duration, dt=16e-3)
     rng = np.random.default_rng(0)
     tau = np.array(
         [
@@ -74,7 +74,7 @@ def test_effects_are_found_and_predict_the_held_out_torques():
     assert left < 0.8 * without and plain.effects is None
     assert all(part in str(found) for part in WORDS)
     # the learned robot has the effects, and a controller can be made for it
-    q, v, a = log.q[700], log.v[700], np.zeros(6)
+    q, v, a = log.q[350], log.v[350], np.zeros(6)
     controller = pa.make_controller(found.robot, unknown=found.unknown)
     assert controller.dynamics.names == found.dynamic.names
     controller.dynamics.load(controller.dynamics.initial)

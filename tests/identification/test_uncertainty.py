@@ -12,7 +12,10 @@ from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.usefixtures("blank_pictures", "few_online_estimates"),
+]
 
 LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.004))
 

@@ -1,8 +1,8 @@
 """Properties of every registered law, on arms and on a chain with a slide and a wheel.
 
 The same tests for all: dV/dt is that of the proof; the error obeys the nominal dynamics where the
-model is exact; the true parameters are an equilibrium; the order in which parameters are named does
-not matter; any finite measurement gives finite numbers or a refusal.
+model is exact; any finite measurement gives finite numbers or a refusal. The order in which
+parameters are named does not matter.
 """
 
 from functools import cache
@@ -25,7 +25,6 @@ pytestmark = pytest.mark.slow
 # As many joints as coordinates, more of them, and a chain with a slide and a wheel.
 ROBOTS = ["planar_2r", "panda", "mixed"]
 PAIRS = [(law, name) for law in pa.laws.LAWS for name in ROBOTS]
-ADAPTING = [law for law in pa.laws.LAWS if pa.laws.LAWS[law].adapts]
 STEP = 1e-4  # [s] of the continuous loops
 
 # While V is tested, the hypotheses must hold that adaptation can destroy: M_hat invertible, and
@@ -85,9 +84,7 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     # what follows the filtered regressor rises from zero within a few samples
     rising = 10 if controller.adaptation_d.torque_bandwidth else 0
     energy = energy_along(true, controller, beside(true, law), seconds=0.01)
-    assert energy.mismatch(after=rising) <= 1e-4
-    assert np.abs(energy.rate).max() > 1e-4  # something moved
-    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+    energy.check(after=rising)
 
 
 def commanded_acceleration(law, s, a, Jdot_v):
@@ -165,74 +162,18 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
         assert np.abs(missing).max() <= 1e-5 * np.abs(inertial).max()
 
 
-@pytest.mark.parametrize(("law", "name"), [pair for pair in PAIRS if pair[1] != "panda"])
-def test_the_true_parameters_are_an_equilibrium(law, name):
-    """From the path and the true parameters, errors stay at rounding and estimates constant."""
-    true = real(robot_of(law, name))
-    controller = unlimited(controller_of(law, true))
-    start = true.home_angles if joint_space(true) else true.position(true.q0)
-    path = pa.trajectories.Waypoints([start, start + 0.02], 0.2)
-    if controller.law.set_point:
-        path = pa.trajectories.Hold(start)
-    plant = pa.plants.PinocchioPlant(true)
-    stream = pa.simulation.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
-    *_, last = islice(stream, 16)
-    first = controller.init(plant.measurement(true.q0, np.zeros(plant.nv)))
-    s, _ = controller.command(last.state, last.measurement, last.desired)
-    assert controller.law.set_point or np.abs(last.measurement.v).max() > 1e-3  # it moves
-    assert np.abs(s.dx).max() <= 1e-9
-    for part in ("a_d", "a_k"):
-        before, after = getattr(first, part), getattr(last.state, part)
-        assert np.abs(after - before).max(initial=0.0) <= 1e-7 * np.abs(before).max(initial=0.0)
-
-
-@pytest.mark.parametrize("law", ADAPTING)
-def test_the_order_in_which_parameters_are_named_does_not_matter(law):
+def test_the_order_in_which_parameters_are_named_does_not_matter():
+    law, runs = "separation", []
     robot = robot_of(law, "mixed")
-    joints = robot.joint_names[-2:]
-    tools = [] if joint_space(robot) else ["tool"]
-    if (
-        pa.laws.LAWS[law].uses_position_error and tools
-    ):  # learns from positions, in which the base shows
-        tools = ["tool", "base"]
-    torques, estimates = [], []
     for flip in (1, -1):
-        controller = controller_of(
-            law,
-            robot,
-            {"tool": False, "translations": tools[::flip], "bodies": joints[::flip]},
-        )
-        rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.02)
-        torques.append(rollout.tau)
-        named = zip(controller.dynamics.names, rollout.a_d.T, strict=True)
-        estimates.append(
-            dict(named) | dict(zip(controller.kinematics.names, rollout.a_k.T, strict=True))
-        )
-    assert np.allclose(*torques, rtol=1e-9, atol=1e-9 * np.abs(torques[0]).max())
-    assert estimates[0].keys() == estimates[1].keys()
-    for key, value in estimates[0].items():
-        assert np.allclose(value, estimates[1][key], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("law", pa.laws.LAWS)
-def test_a_law_states_whether_it_uses_the_acceleration(law):
-    controller, robot, path = prepared(law, "panda")
-    n = robot.model.nv
-    at = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.full(n, 0.1))
-    state, desired = controller.init(at), path.at(0.3)
-    s = controller.observe(state, at, desired)
-    answers = [controller.respond(state, s.replaced(a=np.full(n, a))) for a in (0.0, 2.0)]
-    same = all(
-        np.array_equal(*pair)
-        for pair in zip(
-            *(
-                (torque, drives.dynamic.gradient, drives.kinematic.gradient)
-                for torque, drives in answers
-            ),
-            strict=True,
-        )
-    )
-    assert same is not controller.law.uses_acceleration
+        joints, tools = robot.joint_names[-2:][::flip], ["tool", "base"][::flip]
+        unknown = {"tool": False, "translations": tools, "bodies": joints}
+        controller = controller_of(law, robot, unknown)
+        run = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.02)
+        names = [*controller.dynamics.names, *controller.kinematics.names]
+        runs.append((run.tau, np.hstack([run.a_d, run.a_k])[:, np.argsort(names)]))
+    for one, other in zip(*runs, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
 
 
 def finite(*arrays):

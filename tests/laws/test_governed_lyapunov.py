@@ -3,7 +3,6 @@
 import copy
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import pinadapt as pa
@@ -50,7 +49,4 @@ def test_the_equality_holds_while_the_path_is_slowed(law, name):
     energy = energy_along(true, controller, path, seconds=0.012, **start)
     assert rates[0] == 1.0 and 0.05 < min(rates) < 0.9
     rising = 10 if controller.adaptation_d.torque_bandwidth else 0  # the memory, from nothing
-    assert energy.mismatch(after=rising) <= 1e-4
-    assert np.abs(energy.rate).max() > 1e-4  # something moved
-    assert (energy.rate <= 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check(after=rising)

@@ -61,25 +61,16 @@ def test_equality_along_the_trajectory(law, name, adaptation):
     # the prediction error of the filters begins at zero, and counts only in a longer run
     run = {"seconds": 0.03, "dt": 1e-3} if name == "planar_2r" else {"seconds": 0.014}
     energy = energy_along(true, controller, path, **run, **start)
-    assert energy.mismatch() <= 1e-4
-    assert np.abs(energy.rate).max() > 1e-4  # something moved
-    assert (energy.rate <= 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check()
 
 
-def test_resolved_acceleration_obeys_its_linear_closed_loop():
-    """With the truth known, |dx| is (1 + w t) exp(-w t), (10) with K_v = 2 w, K_P = w^2."""
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(
-        robot, law="resolved-acceleration", Kv=40.0, Kp=400.0, alpha=5.0
-    )
-    start = np.array([0.02, -0.01, 0.03])
-    rollout = pa.simulate(
-        robot,
-        controller,
-        pa.trajectories.Hold(robot.position(robot.q0) - start).as_given(),
-        duration=0.5,
-        engine=pa.Engine(dt=2e-3, continuous=True),
-    )
-    decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
-    assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
+@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
+def test_velocity_filters_identify_the_tool(law):
+    """(3)-(4) sampled with their inputs held left the estimate of the tool 2 mm off, for good."""
+    robot = catalogue_robot("panda")
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.12])
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
+    controller = pa.make_controller(robot, law=law, unknown=pa.Unknown(bodies="none"), dt=2e-3)
+    rollout = pa.simulate(true, controller, path, duration=6.0, record_every=5)
+    assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 5e-4
+    assert rollout.distance[-60:].max() < 2e-5

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from tests.support.chains import catalogue_robot
 from tests.support.differences import sampled_derivative
 from tests.support.joint_motions import joint_robot, loaded, swinging
 from tests.support.loops import energy_along
@@ -67,39 +66,3 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     left, right = np.array(left), np.array(right)
     found = np.column_stack([sampled_derivative(column, dt) for column in left.T])
     assert np.abs(found - right[2:-2]).max() <= 1e-5 * size
-
-
-def test_with_the_truth_known_it_is_computed_torque():
-    robot = joint_robot("mixed")
-    path, runs = swinging(robot), []
-    for law, adaptation in ((LAW, "least-squares"), ("computed-torque", "none")):
-        gains = GAINS.get(adaptation, {})
-        controller = pa.make_controller(
-            robot, law=law, adaptation=adaptation, limits=pa.Limits(torque=False), **gains
-        )
-        options = {
-            "duration": 0.015,
-            "engine": pa.Engine(dt=5e-4, continuous=True, torque_limits=False),
-        }
-        runs.append(pa.simulate(robot, controller, path, **options))
-    assert np.allclose(runs[0].error, runs[1].error, atol=1e-9)
-    assert np.allclose(runs[0].a_d, runs[0].a_d[0], atol=1e-7 * np.abs(runs[0].a_d).max())
-
-
-def test_an_unknown_load_is_tracked():
-    robot = catalogue_robot("panda", task="joint")
-    believed, path = (
-        robot.changed(inertial_scale=0.8),
-        pa.trajectories.Sinusoid(robot.home_angles, 0.1, 2.0),
-    )
-    runs = [
-        pa.simulate(
-            loaded(robot),
-            pa.make_controller(believed, law=LAW, adaptation=kind, dt=4e-3),
-            path,
-            duration=2.0,
-        )
-        for kind in ("natural", "none")
-    ]
-    adapted, unadapted = (run.summary()["max_error_last"] for run in runs)
-    assert runs[0].diverged is None and adapted < 0.15 * unadapted

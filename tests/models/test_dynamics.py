@@ -9,7 +9,6 @@ import pinadapt as pa
 from pinadapt.models.regressor import Regressor, inertial_parameters
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded
 from tests.support.differences import derivative
-from tests.support.paper import BASIS
 
 ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "tiago_arm", "talos_arm"]
 
@@ -68,18 +67,3 @@ def test_estimates_with_zero_or_negative_masses_are_evaluated_exactly(masses):
         for e in np.eye(6)
     ]
     assert np.allclose(dynamics.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
-
-
-def test_basis_of_wang_and_xie():
-    robot = catalogue_robot("planar_2r")
-    dynamics = pa.models.BasisDynamics(robot, BASIS)
-    assert np.allclose(dynamics.initial, [3.34, 1.2, 0.97], atol=1e-9)
-    a1, a2, a3 = a_hat = np.array([4.0, 0.5, 0.5])
-    dynamics.load(a_hat)
-    q, (v1, v2) = np.array([0.4, -1.1]), (0.7, -0.3)
-    c, s = np.cos(q[1]), np.sin(q[1])
-    M = np.array([[a1 + 2 * a2 * c, a3 + a2 * c], [a3 + a2 * c, a3]])
-    h = np.array([-a2 * s * (2 * v1 * v2 + v2 * v2), a2 * s * v1 * v1])
-    assert np.allclose(dynamics.mass_matrix(q), M, atol=1e-12)
-    v, a = np.array([v1, v2]), np.array([0.2, 1.3])
-    assert np.allclose(dynamics.torque(q, v, a), M @ a + h, atol=1e-12)

@@ -28,22 +28,6 @@ def states_of(nv, moving, count=40):
     return [tuple(rng.standard_normal((3, nv)) * kept) for _ in range(count)]
 
 
-def test_errors_of_the_torques_are_those_of_the_regressor():
-    dynamics, rng = dynamics_of(), np.random.default_rng(1)
-    true = dynamics.initial
-    at, other = (true * (1.0 + 0.2 * rng.standard_normal(true.size)) for _ in range(2))
-    sums, Y, tau = sums_of(dynamics, at, true, states_of(6, range(6)))
-    assert sums.size == pytest.approx(np.sqrt(np.mean(tau**2)))
-    for a in (at, other):
-        assert sums.error(a) == pytest.approx(np.sqrt(np.mean((Y @ (a - true)) ** 2)))
-        own = np.sqrt(np.mean(tau**2, axis=0))
-        each = np.maximum(own, 0.01 * own.max())
-        assert sums.relative_error(a) == pytest.approx(
-            np.sqrt(np.mean((Y @ (a - true) / each) ** 2))
-        )
-    assert sums.error(true) < 1e-6 * sums.size
-
-
 def test_combinations_are_scaled_and_change_the_torques_independently():
     dynamics = dynamics_of()
     sums, *_ = sums_of(dynamics, dynamics.initial, dynamics.initial, states_of(6, range(6)))

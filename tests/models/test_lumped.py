@@ -11,7 +11,7 @@ from pinadapt.models.translations import Translation
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import (
     catalogue_robot,
-    chains,
+    chains_of,
     each_size,
     random_state,
     seeded,
@@ -25,6 +25,7 @@ pytestmark = pytest.mark.slow
 
 ROBOTS = ROOT / "robots"
 IMPROVED = "adaptive-inverse-dynamics-improved"
+SOME = (1, 2, 3, 5, 7)  # numbers of joints; more take long
 
 
 def translations(robot, rng):
@@ -85,8 +86,8 @@ def at(dynamics, a_d, *state):
     return dynamics.slotine_li(*state)[1]
 
 
-@each_size(seed=0, rotors=0.2)
-@given(robot=chains, seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
+@each_size(SOME, seed=0, rotors=0.2)
+@given(robot=chains_of(SOME), seed=seeds, rotors=st.sampled_from([0.0, 0.2]))
 @settings(seeded, max_examples=1)
 def test_lumped_regressor_equals_rnea_at_the_true_lengths(robot, seed, rotors):
     rng = np.random.default_rng(seed)
@@ -158,23 +159,7 @@ def test_lyapunov_equality(law, adaptation):
         )
     assert controller.dynamics.size == 56
     energy = energy_along(true, controller, path, seconds=0.012)
-    assert energy.mismatch() <= 1e-4
-    assert energy.largest_rise() <= 1e-12
-
-
-def test_v_decreases_while_the_projection_acts():
-    true, controller, path = ur5("adaptive-inverse-dynamics", "projected", gamma_d=2.0)
-    project, moves = controller.adaptation_d.project, []
-
-    def counted(a, q):
-        kept = project(a, q)
-        moves.append(kept is not a)
-        return kept
-
-    controller.adaptation_d.project = counted
-    energy = energy_along(true, controller, path, seconds=0.03)
-    assert any(moves)
-    assert energy.largest_rise() <= 1e-9
+    energy.check()
 
 
 def projections():

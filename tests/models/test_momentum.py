@@ -150,21 +150,13 @@ def test_filtered_regressor_predicts_the_torque_of_declared_late_motors():
 
 def test_filters_are_pure_and_take_a_measured_torque():
     _, dynamics, run = recorded("ur5", 1e-3)
-    filters, wrong = pa.filters.FilteredRegressor(dynamics, 30.0), np.ones(6)
-    state = filters.init(run.q[0], run.v[0])
-    measured, commanded = [state], [state]
-    for k in range(50):
-        q, v = run.q[k], run.v[k]
-        for states, seen, held in (
-            (measured, run.tau[k - 1], wrong),
-            (commanded, None, run.tau[k]),
-        ):
-            now = filters.observe(states[-1], q, v, seen if k else None)
-            states.append(filters.step(now, held, 1e-3))
-    ends = [
-        filters.observe(measured[-1], run.q[50], run.v[50], run.tau[49]),
-        filters.observe(commanded[-1], run.q[50], run.v[50]),
-    ]
-    assert np.allclose(ends[0].y, ends[1].y, rtol=1e-12, atol=1e-12)
-    again = filters.observe(measured[-1], run.q[50], run.v[50], run.tau[49])
-    assert np.array_equal(again.W, ends[0].W) and np.array_equal(again.y, ends[0].y)
+    filters = pa.filters.FilteredRegressor(dynamics, 30.0)
+    measured = commanded = filters.init(run.q[0], run.v[0])
+    for k in range(51):
+        q, v, tau, before = run.q[k], run.v[k], run.tau[k - 1] if k else None, measured
+        seen, told = filters.observe(before, q, v, tau), filters.observe(commanded, q, v)
+        measured = filters.step(seen, np.ones(6), 1e-3)  # not what the motors did
+        commanded = filters.step(told, run.tau[k], 1e-3)
+    assert np.allclose(seen.y, told.y, rtol=1e-12, atol=1e-12)
+    again = filters.observe(before, q, v, tau)
+    assert np.array_equal(again.W, seen.W) and np.array_equal(again.y, seen.y)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pinadapt as pa
 from pinadapt.models.joint_effects import KINDS, coefficients
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded, seeds
-from tests.support.drives import rate_of, stepped
+from tests.support.drives import stepped
 from tests.support.effects import torque_of_everything, with_everything
 from tests.support.loops import circle_beside, energy_along
 
@@ -97,39 +97,7 @@ def test_lyapunov_equality_with_friction(law, name):
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
     energy = energy_along(true, controller, path, seconds=0.016)
-    assert (
-        energy.mismatch(after=25) <= 1e-4
-    )  # at low speeds tanh is too steep for finite differences
-    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
-
-
-@pytest.mark.slow
-def test_friction_is_learned_and_stays_positive():
-    robot = catalogue_robot("panda")
-    true = robot.changed(viscous=2.0, coulomb=1.5)
-    path = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0, "yz").starting_at(true.position(true.q0))
-    ends = {}
-    for friction in (False, True):
-        controller = pa.make_controller(
-            robot.changed(inertial_scale=0.8),
-            law="adaptive-jacobian",
-            unknown=pa.Unknown(friction=friction, armature=False),
-        )
-        rollout = pa.simulate(
-            true,
-            controller,
-            path,
-            duration=2.5,
-            engine=pa.Engine(dt=2e-3, substeps=2),
-            record_every=10,
-        )
-        ends[friction] = rollout.summary()["max_error_last"]
-    assert ends[True] < 0.5 * ends[False]
-    assert (rollout.a_d[:, 70:] > 0.0).all()
-    names = list(rollout.dynamic_names[70:])
-    assert names == [
-        f"{joint}.{kind}" for kind in ("viscous", "coulomb") for joint in robot.joint_names
-    ]
+    energy.check(after=25)  # at low speeds tanh is too steep for finite differences
 
 
 def test_exponentiated_gradient_keeps_estimates_positive():
@@ -142,12 +110,5 @@ def test_exponentiated_gradient_keeps_estimates_positive():
         after = stepped(adaptation, a, 1e4 * rng.standard_normal(3), 1e-2)
         assert (after > 0.0).all() and (np.abs(np.log(after / a)) <= 0.02 + 1e-12).all()
         a = after
-    g, true = rng.standard_normal(3), np.array([0.5, 2.0, 30.0])
-    a, h = np.array([1.0, 1.0, 50.0]), 1e-6
-    rate = rate_of(adaptation, a, g)
-    ahead, behind = (
-        adaptation.storage(pa.adaptation.Estimate(a + step * rate), true) for step in (h, -h)
-    )
-    assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
         adaptation.init(np.array([0.0, 1.0, 1.0]))

@@ -45,6 +45,12 @@ class Energy:
         """Return V's largest rise between samples, relative to its first value."""
         return float(np.diff(self.V).max() / self.V[0])
 
+    def check(self, within: float = 1e-4, after: int = 0, moved: float = 1e-4) -> None:
+        """V moves, never rises, and from a sample on its rate is that of the proof."""
+        assert self.mismatch(after) <= within
+        assert np.abs(self.rate).max() > moved
+        assert (self.rate <= 0.0).all() and self.largest_rise() <= 1e-12
+
 
 def circle_at_home(robot, radius=0.05, period=2.0):
     """Return a circle that starts at the robot's home at full speed: short loops show motion."""

@@ -1,23 +1,16 @@
 """Closed loops of pose tasks, their scenarios and outputs, and what is refused."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
 from pinadapt.tasks.frame import TASKS, matrix
-from tests.support.chains import catalogue_robot, random_inertia
+from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
 
 POSE = TASKS["pose"]
 LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
-
-
-def sensors_of(robot, channel, deviation):
-    """Return simulated sensors with noise in one channel."""
-    sensors = pa.Sensors(noise={channel: deviation})
-    return pa.plants.SimulatedSensors(robot, 1e-3, sensors, seed=3)
 
 
 def pose_robot(name="panda"):
@@ -129,55 +122,12 @@ def test_a_tracker_needs_no_angular_velocity():
 # --- scenarios and outputs ---
 
 
-@pytest.mark.parametrize("channel", ["x", "angle"])
-def test_tracker_noise_has_the_stated_deviation(channel):
+def test_noise_of_a_trackers_angles_has_the_stated_deviation():
     robot = pose_robot()
-    sensors = sensors_of(robot, channel, 0.02)
+    noise = pa.Sensors(noise={"angle": 0.02})
+    sensors = pa.plants.SimulatedSensors(robot, 1e-3, noise, seed=3)
     true = pa.plants.PinocchioPlant(robot).measure()
-    pairs = [(sensors.measure(true), true) for _ in range(1000)]
-    errors = np.array([POSE.error(seen.x, true.x) for seen, true in pairs])
-    assert np.isclose(np.std(errors[:, :3]), 0.02 if channel == "x" else 0.0, rtol=0.1)
-    assert np.isclose(np.std(errors[:, 3:]), 0.02 if channel == "angle" else 0.0, rtol=0.1)
-    assert np.allclose([np.linalg.norm(seen.x[3:]) for seen, _ in pairs], 1.0)
-
-
-# --- tasks of two rows ---
-
-
-def leg():
-    """Return a two-joint leg that moves in the x-z plane, hanging in gravity."""
-    model, rng, parent = pin.Model(), np.random.default_rng(2), 0
-    model.name = "leg"
-    for i, drop in enumerate([0.0, -0.2]):
-        parent = model.addJoint(
-            parent,
-            pin.JointModelRY(),
-            pin.SE3(np.eye(3), np.array([0.0, 0.0, drop])),
-            f"joint{i + 1}",
-        )
-        model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
-    model.addFrame(
-        pin.Frame(
-            "foot", parent, 0, pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.2])), pin.FrameType.BODY
-        )
-    )
-    return model
-
-
-def test_a_planar_leg_learns_its_foot():
-    described = pa.load(leg(), frame="foot", task="xz", q0=[0.6, -1.2])
-    true = described.changed(tool_translation=[0.01, 0.01, -0.05], inertial_scale=1.2)
-    start = true.position(true.q0)
-    assert start.shape == (2,)
-    controller = pa.make_controller(described, adaptation="natural", dt=2e-3)
-    path = pa.trajectories.Circle([0.0, 0.0], 0.04, 1.5).starting_at(start)
-    rollout = pa.simulate(
-        true,
-        controller,
-        path,
-        duration=0.1,
-        engine=pa.Engine(dt=2e-3, continuous=True, ideal_acceleration=True),
-    )
-    assert (np.diff(rollout.lyapunov) < 0.0).all()
-    rollout = pa.simulate(true, controller, path, duration=3.0)
-    assert rollout.summary()["max_error_last"] < 0.12 * rollout.summary()["max_error_first"]
+    seen = [sensors.measure(true).x for _ in range(1000)]
+    errors = np.array([POSE.error(x, true.x) for x in seen])
+    assert not errors[:, :3].any() and np.isclose(np.std(errors[:, 3:]), 0.02, rtol=0.1)
+    assert np.allclose([np.linalg.norm(x[3:]) for x in seen], 1.0)
