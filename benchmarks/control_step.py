@@ -1,16 +1,16 @@
 """The time of a control step relative to the Pinocchio calls that its law needs.
 
-``python -m benchmarks.control_step`` times a Panda with every inertial parameter adapted: law (11)
-with the kinematics, and the default law, separation, with the joints' coefficients known and
-adapted, all under natural adaptation; and robots that stand, with the trunk adapted, whose step
-also solves a quadratic program for the contact forces. The last row is the default, with its
-memory of all torques, beside natural adaptation of the same parameters. The floor is the sequence
-of raw calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
-estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
-the Jacobian's variation, the two regressors of which that of Slotine and Li is made, and CRBA, as
-K_D is bounded by the mass matrix. Step and floor run alternately in one process, so that both have
-the same state of caches and clock; the ratio is the median over pairs. The step is one of an arm
-that has moved.
+``python -m benchmarks.control_step`` times law (11), kinematics and every inertial parameter
+adapted, on three robots, and the default law, separation, on the Panda with the joints'
+coefficients known and adapted, all under natural adaptation; and robots that stand, with the trunk
+adapted by default, whose step also solves a quadratic program for the contact forces. The last row is the
+default, with its memory of all torques, beside natural adaptation of the same parameters. The floor
+is the sequence of raw calls, listed by name, with the arguments prepared: forward kinematics and
+Jacobian at the estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor;
+for separation the Jacobian's variation, the two regressors of which that of Slotine and Li is made,
+and CRBA, as K_D is bounded by the mass matrix. Step and floor run alternately in one process, so
+that both have the same state of caches and clock; the ratio is the median over pairs. The step is
+one of an arm that has moved.
 
 The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
 loops run alternately, a sample each. The mean is that of the medians of the two kinds of steps,
@@ -19,9 +19,8 @@ each counted as often as it occurs.
 
 from __future__ import annotations
 
-import json
-import platform
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,17 +28,34 @@ import pinocchio as pin
 
 import pinadapt as pa
 
-from .shared import HERE, in_turn
-from .standing import UNKNOWN, standing
+from .shared import HERE, in_turn, save
+from .standing import ROBOTS, UNKNOWN, standing
 
+PLANAR = HERE.parent / "robots" / "planar_2r"
 LAW, DEFAULT = "adaptive-inverse-dynamics", "separation"
-CASES: dict[str, tuple[str, bool]] = {  # law, whether friction and rotors are unknown
-    "panda": (LAW, False),
-    "panda_separation": (DEFAULT, False),
-    "panda_separation_joints": (DEFAULT, True),
+CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and rotors are unknown
+    "planar_2r": ("planar_2r", LAW, False),
+    "ur5": ("ur5", LAW, False),
+    "panda": ("panda", LAW, False),
+    "panda_separation": ("panda", DEFAULT, False),
+    "panda_separation_joints": ("panda", DEFAULT, True),
+    "a1_standing": ("a1", DEFAULT, False),
+    "talos_standing": ("talos", DEFAULT, False),
 }
-STANDING = "a1", "talos"
 ROUNDS, DT = 3000, 1e-3
+
+
+def controller(name: str, law: str, joints: bool) -> tuple[pa.Robot, pa.Controller]:
+    """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
+    if name in ROBOTS:
+        robot = standing(name)
+        return robot, pa.make_controller(robot, law=law, unknown=UNKNOWN)
+    robot, unknown = pa.load(name), pa.Unknown(tool=True, friction=joints, armature=joints)
+    if name == "planar_2r":
+        basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
+        lmi = pa.adaptation.MatrixInequality.from_file(PLANAR / "lmi.csv")
+        unknown = pa.Unknown(lengths=True, basis=basis, lmi=lmi)
+    return robot, pa.make_controller(robot, law=law, adaptation="natural", unknown=unknown)
 
 
 def floor_calls(
@@ -72,34 +88,19 @@ def floor_calls(
     }
     if law == LAW:
         return calls | {"rnea": lambda: pin.rnea(model, data, q, v, v)}
-
-    def variation() -> object:
-        return pin.computeJointJacobiansTimeVariation(model, data, q, v)
-
+    for name in (contact.frame for contact in robot.contacts):
+        foot = model, data, model.getFrameId(name), axes
+        calls[f"getFrameJacobian, {name}"] = partial(pin.getFrameJacobian, *foot)
+        variation = partial(pin.getFrameJacobianTimeVariation, *foot)
+        calls[f"getFrameJacobianTimeVariation, {name}"] = variation
+    variation = partial(pin.getFrameJacobianTimeVariation, model, data, frame, axes)
     return calls | {
-        "computeJointJacobiansTimeVariation": variation,
-        "getFrameJacobianTimeVariation": lambda: pin.getFrameJacobianTimeVariation(
-            model, data, frame, axes
+        "computeJointJacobiansTimeVariation": lambda: pin.computeJointJacobiansTimeVariation(
+            model, data, q, v
         ),
+        "getFrameJacobianTimeVariation": variation,
         "computeJointTorqueRegressor again": regressor,
     }
-
-
-def step_of(
-    control: pa.Controller, robot: pa.Robot, v: np.ndarray, path: pa.trajectories.Trajectory
-) -> Callable[[], None]:
-    """Return a function that makes a step of a robot that has moved at v (n)."""
-    plant = pa.plants.PinocchioPlant(robot)
-    measurement = plant.measurement(robot.q0, v)
-    desired = path.starting_at(robot.position(robot.q0)).at(0.1)
-    first = control.step(control.init(measurement), measurement, desired, DT)[1]
-    state = first._replace(sensed=first.sensed._replace(first=None))
-    later = plant.measurement(plant.integrate(robot.q0, DT * v), v, DT)
-
-    def step() -> None:
-        control.step(state, later, desired, DT)
-
-    return step
 
 
 def sizes(name: str, control: pa.Controller) -> dict[str, Any]:
@@ -110,37 +111,35 @@ def sizes(name: str, control: pa.Controller) -> dict[str, Any]:
 
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one case."""
-    law, joints = CASES[name]
-    robot = pa.load("panda")
-    unknown = pa.Unknown(tool=True, friction=joints, armature=joints)
-    control = pa.make_controller(robot, law=law, adaptation="natural", unknown=unknown)
-    v = 0.3 * np.random.default_rng(0).standard_normal(robot.model.nv)
-    calls = floor_calls(robot, robot.q0, v, law)
+    robot, control = controller(*CASES[name])
+    plant, rng = pa.plants.PinocchioPlant(robot), np.random.default_rng(0)
+    v = 0.3 * rng.standard_normal(plant.nv) * (not robot.contacts)
+    circle = pa.trajectories.Circle(np.zeros(3 if robot.contacts else robot.task.size), 0.1, 3.0)
+    path: pa.trajectories.Trajectory = circle
+    if robot.contacts:
+        path = pa.trajectories.PoseTrajectory(circle, None).from_rest()
+    desired = path.starting_at(robot.position(robot.q0)).at(0.1)
+    measurement = plant.measurement(robot.q0, v)
+    first = control.step(control.init(measurement), measurement, desired, DT)[1]
+    state = first._replace(sensed=first.sensed._replace(first=None))
+    later = plant.measurement(plant.integrate(robot.q0, DT * v), v, DT)
+    calls = floor_calls(robot, robot.q0, v, control.law.name)
+
+    def step() -> None:
+        control.step(state, later, desired, DT)
 
     def floor() -> None:
         for call in calls.values():
             call()
 
-    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0)
-    times = in_turn({"step": step_of(control, robot, v, circle), "floor": floor}, ROUNDS)
+    rounds = ROUNDS // 10 if robot.contacts else ROUNDS
+    times = in_turn({"step": step, "floor": floor}, rounds)
     return sizes(name, control) | {
         "step_us": 1e6 * float(np.median(times["step"])),
         "floor_us": 1e6 * float(np.median(times["floor"])),
         "ratio": float(np.median(times["step"] / times["floor"])),
         "floor_calls": list(calls),
     }
-
-
-def measure_standing(name: str) -> dict[str, Any]:
-    """Return the time of a step of a robot that stands."""
-    robot = standing(name)
-    control = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural")
-    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0)
-    path = pa.trajectories.PoseTrajectory(circle, None).from_rest()
-    step = step_of(control, robot, np.zeros(robot.model.nv), path)
-    times = in_turn({"step": step}, ROUNDS // 10)
-    step_us = 1e6 * float(np.median(times["step"]))
-    return sizes(f"{name}_standing", control) | {"step_us": step_us}
 
 
 def measure_memory() -> dict[str, Any]:
@@ -179,21 +178,11 @@ def measure_memory() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the figures, and save them with the environment of the measurement."""
-    rows = [*map(measure, CASES), *map(measure_standing, STANDING), measure_memory()]
-    for row in rows:
-        figures = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
-        print(f"{row['name']}: {row['parameters']} parameters, {', '.join(figures)}")
-    for law, calls in {row["law"]: row["floor_calls"] for row in rows[: len(CASES)]}.items():
+    """Print the figures, and save them."""
+    rows = [measure(name) for name in CASES]
+    for law, calls in {row["law"]: row["floor_calls"] for row in rows}.items():
         print(f"floor of {law}: " + ", ".join(calls))
-    environment = {
-        "python": platform.python_version(),
-        "pin": pin.__version__,
-        "numpy": np.__version__,
-        "machine": platform.machine(),
-    }
-    text = json.dumps({"environment": environment, "rows": rows}, indent=2)
-    (HERE / "control_step.json").write_text(f"{text}\n")
+    save("control_step", [*rows, measure_memory()])
 
 
 if __name__ == "__main__":

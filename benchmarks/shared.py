@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import json
+import platform
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,6 +14,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import pinadapt as pa
 from pinadapt.sweep.table import DIVERGED, CaseTable
@@ -97,3 +100,18 @@ def in_turn(functions: dict[str, Callable[[], float | None]], rounds: int) -> di
             times[name].append(perf_counter() - started if counted is None else counted)
     gc.enable()
     return {name: np.array(values[-rounds:]) for name, values in times.items()}
+
+
+def save(name: str, rows: list[dict[str, Any]]) -> None:
+    """Print the figures of a benchmark, and save them with the environment of the measurement."""
+    for row in rows:
+        figures = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
+        print(f"{row['name']}: {', '.join(figures)}")
+    environment = {
+        "python": platform.python_version(),
+        "pin": pin.__version__,
+        "numpy": np.__version__,
+        "machine": platform.machine(),
+    }
+    text = json.dumps({"environment": environment, "rows": rows}, indent=2)
+    (HERE / f"{name}.json").write_text(f"{text}\n")

@@ -150,6 +150,7 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
                 seen.append(tell(recorder.port, "state", timeout=20.0)["cycle"])
                 time.sleep(0.1)
                 os.kill(recorder.pid, signal.SIGKILL)
+                recorder._process.join(60.0)  # a busy machine may let it live on for long
             return m
 
         loop = Loop(faulty(kill), recorder=recorder, seconds=60.0)
