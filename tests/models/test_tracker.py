@@ -175,6 +175,21 @@ def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
 
 
 @pytest.mark.slow
+def test_without_a_wiggle_the_path_waits_until_the_axes_are_known():
+    """The joints are held, under the load, while the frame moves by millimetres."""
+    robot = catalogue_robot("panda")
+    turn = np.pi * TURN / np.linalg.norm(TURN)
+    true = with_tool_and_load(robot.changed(inertial_scale=1 / 0.7)).seen_from(turn, PLACE)
+    controller = pa.make_controller(robot, unknown=UNKNOWN, dt=4e-3)
+    circle = circle_of(true, robot, 0.1, turn, np.zeros(3))
+    rollout = pa.simulate(true, controller, circle, duration=5.5, start={}, record_every=2)
+    begins = int(np.argmax(rollout.path_time > 0.0))
+    assert rollout.diverged is None and 3.5 < rollout.t[begins] < 4.0
+    assert rollout.distance[:begins].max() < 0.01 * robot.reach
+    assert rollout.distance[begins:].max() < 1e-4
+
+
+@pytest.mark.slow
 def test_a_pose_is_followed_whose_marker_is_turned_on_the_tool():
     """Tracker at 120 degrees and marker at 79 degrees, both unknown, and a tilt of 0.2 rad."""
     robot = pa.load("ur5", task="pose")
