@@ -3,7 +3,7 @@
 ``python -m benchmarks.control_step`` times law (11), kinematics and every inertial parameter
 adapted, on three robots, and the default law, separation, on the Panda with the joints'
 coefficients known and adapted, all under natural adaptation; and robots that stand, with the trunk
-adapted by default, whose step also solves a quadratic program for the contact forces. The last row is the
+adapted, whose step also solves a quadratic program for the contact forces. The last row is the
 default, with its memory of all torques, beside natural adaptation of the same parameters. The floor
 is the sequence of raw calls, listed by name, with the arguments prepared: forward kinematics and
 Jacobian at the estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor;

@@ -62,26 +62,6 @@ def test_noise_has_the_stated_deviation_and_affects_its_channel_only(channel):
         assert np.isclose(np.std(error), 0.02 if name == channel else 0.0, rtol=0.1)
 
 
-def test_delay_affects_only_the_measured_position():
-    robot = load("planar_2r")
-    plant, sensors = (
-        pa.plants.PinocchioPlant(robot),
-        pa.plants.SimulatedSensors(robot, 1e-3, pa.Sensors(camera=pa.Camera(delay=2e-3))),
-    )
-    states = [(np.array([0.1 * k, 0.5]), np.array([1.0, k])) for k in range(6)]
-    times = [1e-3 * k for k in range(6)]
-    samples = [
-        sensors.measure(plant.measurement(*state, t))
-        for state, t in zip(states, times, strict=True)
-    ]
-    late = [states[max(k - 2, 0)][0] for k in range(6)]
-    assert np.allclose([sample.x for sample in samples], [robot.position(q) for q in late])
-    assert [s.t for s in samples] == times
-    assert [s.x_time for s in samples] == [times[max(k - 2, 0)] for k in range(6)]
-    assert np.array_equal([sample.q for sample in samples], [q for q, _ in states])
-    assert np.array_equal([sample.v for sample in samples], [v for _, v in states])
-
-
 # --- cameras ---
 
 

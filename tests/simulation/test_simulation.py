@@ -112,22 +112,3 @@ def test_an_unmeasured_task_velocity_is_the_estimated_one(name):
 
 
 # --- divergence ---
-
-LOST = {
-    "law": "adaptive-inverse-dynamics",
-    "adaptation": "gradient",
-    "gamma_d": 1.0,
-    "limits": pa.Limits(torque=False),
-}
-
-
-def test_a_diverged_run_is_a_partial_rollout():
-    rollout = run("panda", control=LOST, duration=1.0, engine=pa.Engine(torque_limits=False))
-    assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
-    assert (
-        len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
-    )
-    assert np.isclose(rollout.t[-1] + 1e-3, rollout.diverged)
-    assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
-    assert f"diverged at {rollout.diverged:.3f} s" in str(rollout)
-    assert rollout.summary()["diverged"] == rollout.diverged

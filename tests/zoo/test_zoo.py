@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.experiment import (
@@ -69,12 +68,3 @@ def test_the_command_writes_its_rows_in_the_order_of_the_robots(tmp_path, capsys
     assert [row["robot"] for row in rows] == names
     assert all(row["verdict"].startswith("refused: ") for row in rows)
     assert "0 of 2 converged" in capsys.readouterr().out
-
-
-def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
-    def refuse(*arguments, **words):
-        raise pa.RobotError("no circle will do.")
-
-    monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
-    row = zoo_numbers("ur5", "adaptive-jacobian")
-    assert row["verdict"] == "refused: no circle will do."
