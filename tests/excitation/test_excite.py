@@ -1,6 +1,5 @@
 """Exciting motions: within all limits, of larger information gain than others, reproducible."""
 
-import time
 from functools import cache
 from itertools import combinations
 
@@ -110,16 +109,6 @@ def test_any_chain_can_be_excited():
 
 
 @pytest.mark.usefixtures("short_search")
-def test_the_parameters_of_a_controller_are_excited():
-    described = catalogue_robot("planar_2r")
-    controller = pa.make_controller(
-        described, unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
-    )
-    motion = pa.excite(controller, duration=4.0)
-    assert motion.information.names == controller.dynamics.names
-
-
-@pytest.mark.usefixtures("short_search")
 def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     file = tmp_path / "out" / "excited.toml"
     arguments = [
@@ -136,9 +125,7 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     assert f"pinadapt run {file}" in capsys.readouterr().out
     scenario = Scenario.read(file)
     assert scenario.duration == 4.0
-    motion = pa.excite(
-        catalogue_robot("planar_2r"), unknown=pa.Unknown(bodies="payload"), duration=4.0
-    )
+    motion = pa.excite(scenario.controller, duration=4.0)
     written, found = scenario.trajectory.at(1.3), motion.trajectory.at(1.3)
     assert np.allclose(written.x_d, found.x_d, atol=1e-5)
     assert scenario.controller.dynamics.names == motion.information.names
@@ -154,20 +141,14 @@ def joints_of(motion, count=400):
 
 
 def test_bodies_and_floor_stay_apart(monkeypatch):
-    """Distances of the meshes; without shapes the search finds a motion that collides.
-
-    It costs at most three times as much. The search ends early.
-    """
+    """Distances of the meshes; without shapes the search, which ends early, finds a collision."""
     monkeypatch.setattr("pinadapt.excitation.exciting_motion._STARTS", 4)
     monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 8)
-    robot, times = catalogue_robot("ur5"), [time.process_time()]
+    robot = catalogue_robot("ur5")
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2, "seed": 2}
     wide = {"excursion": 2.8, "progress": False}
     free = pa.excite(robot.undrawn(), **options, **wide)
-    times.append(time.process_time())
     kept = pa.excite(robot, floor=-0.05, **options, **wide)
-    times.append(time.process_time())
-    assert times[2] - times[1] < 3.0 * (times[1] - times[0]) + 3.0
     geometry, links = robot.drawn.solids()
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     for i, j in combinations(range(len(links)), 2):

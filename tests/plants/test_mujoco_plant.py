@@ -102,17 +102,6 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
 # --- friction, stops and motors ---
 
 
-def test_coulomb_friction_of_a_moving_joint_is_that_of_pinocchio():
-    robot = load("panda").changed(coulomb=0.5, viscous=0.5)
-    weight = pa.robot.Gravity(robot)(robot.q0)
-    ends = [
-        drive(plant, lambda t: weight + 8.0, 0.1)
-        for plant in (pa.plants.MujocoPlant(robot), pa.plants.PinocchioPlant(robot))
-    ]
-    assert (ends[0].v > 5 * robot.friction.threshold).all()
-    assert np.allclose(ends[0].v, ends[1].v, rtol=1e-2)
-
-
 def test_stops_hold_joints_at_full_torque():
     robot = load("panda").changed(viscous=5.0)
     lower, upper = position_limits(robot.model)

@@ -19,16 +19,6 @@ from tests.support.paths import ARM4
 described = cache(example_robot_data.load)
 
 
-def conditioning(robot):
-    """Return smallest over largest singular value of the task Jacobian at home."""
-    data = robot.model.createData()
-    J = pin.computeFrameJacobian(
-        robot.model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
-    )[robot.task.rows]
-    singular = np.linalg.svd(J, compute_uv=False)
-    return singular[-1] / singular[0]
-
-
 # --- any source ---
 
 
@@ -65,15 +55,6 @@ def test_continuous_joints_are_set_and_read_as_angles():
     robot = load(name).at(angles)
     assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
     assert np.allclose(robot.home_angles, angles, atol=1e-12)
-
-
-def test_a_home_is_searched_if_that_of_the_description_is_singular(tmp_path):
-    robot = pa.load(ARM4, frame="tip")  # the neutral pose is stretched out
-    assert conditioning(robot.at(np.zeros(4))) < 0.05
-    assert conditioning(robot) >= 0.05
-    assert (robot.q0 >= robot.model.lowerPositionLimit).all() and (
-        robot.q0 <= robot.model.upperPositionLimit
-    ).all()
 
 
 # --- refusals ---
