@@ -62,25 +62,6 @@ def test_a_loop_runs_on_a_custom_plant():
 # --- integration ---
 
 
-def swing(robot, seconds, dt):
-    """Let a robot go from a random state, torque zero; return velocities and energies."""
-    model, data, step = robot.model, robot.model.createData(), FittedMidpoint(robot)
-    q, v, _ = random_state(robot, np.random.default_rng(0))
-    velocities, energies = [], []
-    for _ in range(round(seconds / dt)):
-        velocities.append(v)
-        energies.append(pin.computeMechanicalEnergy(model, data, q, v))
-        q, v = step(q, v, np.zeros(model.nv), dt)
-    return np.array(velocities), np.array(energies)
-
-
-@pytest.mark.parametrize("name", ["scara", "kinova"])
-def test_a_free_frictionless_robot_conserves_energy(name):
-    velocities, energies = swing(load(name), 0.3, 2e-5)
-    assert np.abs(velocities - velocities[0]).max() > 0.1
-    assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
-
-
 @pytest.mark.parametrize("name", ["scara", "kinova"])
 def test_the_integrator_is_of_second_order(name):
     robot = load(name).changed(viscous=0.5)

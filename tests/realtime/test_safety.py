@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, Safety
-from tests.support.arms import PERIOD, Loop, arm, controller, faulty, robot
+from tests.support.arms import PERIOD, Loop, arm, faulty, robot
 
 
 def ended(loop):
@@ -59,12 +59,6 @@ def test_the_frame_stays_in_its_box():
 def test_an_error_that_is_too_large_is_damped():
     reason, phases = ended(Loop(safety=Safety(error=1e-5)))
     assert phases[1] == "damping" and "error: coordinate" in reason
-
-
-def test_a_motor_that_stays_at_its_limit_holds_the_path():
-    of = controller(limits=pa.Limits(torque=[35.0, 10.0]))
-    reason, _ = ended(Loop(of=of, safety=Safety(saturated=0.05, error=1.0), seconds=3.0))
-    assert reason.startswith(("torque: ", "contact: ", "error: "))
 
 
 def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():

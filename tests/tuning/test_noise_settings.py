@@ -24,20 +24,6 @@ def made(**options):
 # --- how much of it ---
 
 
-def test_an_encoder_is_the_noise_of_its_differences():
-    """Two roundings, each a twelfth of a count squared."""
-    deviation = COUNT / 1e-3 * math.sqrt(2.0 / 12.0)
-    by_count, by_noise = (
-        made(sensors=pa.Sensors(encoder=COUNT)),
-        made(sensors=pa.Sensors(noise={"v": deviation})),
-    )
-    assert by_count.senses.quality.v == pytest.approx(deviation)
-    assert by_count.law.lambda_s == pytest.approx(by_noise.law.lambda_s)
-    q = np.random.default_rng(0).uniform(0.0, 1.0, 100_000)
-    rounding = np.round(q / COUNT) * COUNT - q
-    assert np.diff(rounding).std() / 1e-3 == pytest.approx(deviation, rel=0.02)
-
-
 # --- the leak ---
 
 
