@@ -90,14 +90,6 @@ def test_it_excites_all_identifiable_combinations_and_gains_more_than_random_mot
     assert motion.information_gain > np.max(others) + 1.0  # nat
 
 
-def test_the_derivative_of_the_cost_is_its_slope():
-    found, theta = search("scara")
-    theta = 1.5 * theta  # beyond some limits
-    way = np.random.default_rng(2).standard_normal(theta.shape)
-    ahead, behind = (found.cost(theta + h * way)[0] for h in (1e-5, -1e-5))
-    assert np.sum(found.cost(theta)[1] * way) == pytest.approx((ahead - behind) / 2e-5, rel=1e-3)
-
-
 @pytest.mark.usefixtures("short_search")
 def test_any_chain_can_be_excited():
     """Continuous and prismatic joints, arbitrary axes, inclined gravity, no limits."""
