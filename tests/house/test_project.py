@@ -1,7 +1,6 @@
 """Lines, public names, docstrings and the README keep the rules of the project."""
 
 import importlib
-import inspect
 import re
 
 import pytest
@@ -27,13 +26,3 @@ def test_public_names_resolve():
     with pytest.raises(AttributeError, match="Controler") as error:
         _ = pinadapt.Controler
     assert error.value.obj is pinadapt and error.value.name == "Controler"  # as Python suggests by
-
-
-@pytest.mark.parametrize(
-    "law", [law for law in pinadapt.laws.LAWS.values()], ids=list(pinadapt.laws.LAWS)
-)
-def test_law_docstrings_state_the_proof(law):
-    doc = inspect.getdoc(law)
-    for heading in ("Law:", "Adaptation:", "Closed loop:", "V:", "Assumptions:"):
-        assert heading in doc
-    assert re.search(r"(19|20)\d\d", doc)  # a source with a year

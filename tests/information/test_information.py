@@ -17,7 +17,7 @@ INERTIA = np.array([2e-3, 0.0, 3e-3, 0.0, 0.0, 1e-3])
 
 
 @cache
-def run(name, duration=2.0, still=False, camera=False, **options):
+def run(name, camera=False, **options):
     """Return a run on a robot whose tool and load differ from the model's."""
     described = catalogue_robot(name)
     true = described.changed(
@@ -27,8 +27,8 @@ def run(name, duration=2.0, still=False, camera=False, **options):
     controller = pa.make_controller(
         described, sensors=pa.Sensors(camera=frames), dt=4e-3, **options
     )
-    path = pa.trajectories.Hold(true.position(true.q0)) if still else pa.reachable_circle(true)
-    return pa.simulate(true, controller, path, duration=duration, sensors=pa.Sensors(camera=frames))
+    path = pa.reachable_circle(true)
+    return pa.simulate(true, controller, path, duration=2.0, sensors=pa.Sensors(camera=frames))
 
 
 def information(rollout):
