@@ -129,13 +129,6 @@ def test_a_refused_input_is_status_2_and_a_message(setting, words, tmp_path, cap
     assert not (tmp_path / "out").exists()
 
 
-def test_names_of_robots_are_no_scenarios(capsys):
-    for name in ("panda", "solo12"):
-        assert main(["run", name]) == 2
-        words = capsys.readouterr().err
-        assert "this is a robot, not a scenario" in words and f"`pinadapt init {name}`" in words
-
-
 # --- the other commands ---
 
 
