@@ -62,10 +62,6 @@ ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass 
     [
         (["ur55"], "Did you mean 'ur5'?"),
         ([str(ARM4), "--frame", "tipp"], "Did you mean 'tip'?"),
-        (
-            [str(ARM4), "--frame", "nothere"],
-            "has no frame 'nothere'.",
-        ),
         ([str(ARM4), "--frame", "finger2"], "mimic"),
         (["solo8_fl_leg", "--task", "xyz"], "only 2 joints"),
         (["one.urdf"], "no link is moved by two independent joints"),

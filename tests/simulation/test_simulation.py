@@ -10,19 +10,12 @@ from pinadapt.description.chain import effort_limits
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import robot_of
 from tests.support.loops import circle_at_home as circle
-from tests.support.loops import motion_at_home, run, same
+from tests.support.loops import motion_at_home, run
 from tests.support.snapshots import snapshot, unchanged
 
 pytestmark = pytest.mark.slow
 
 # --- modes, noise, delay, limits ---
-
-
-def test_noise_is_reproducible_by_its_seed():
-    noise = {"q": 1e-4, "v": 1e-3, "x": 1e-4}
-    first = run(sensors=pa.Sensors(noise=noise), seed=1)
-    assert same(first, run(sensors=pa.Sensors(noise=noise), seed=1))
-    assert not same(first, run(sensors=pa.Sensors(noise=noise), seed=2))
 
 
 def test_torque_limits_clip():

@@ -85,14 +85,6 @@ def test_distributions_have_the_stated_moments(method):
     assert np.mean([each["c"] == "a" for each in values]) == pytest.approx(0.5, abs=close)
 
 
-@pytest.mark.parametrize("method", ["lhs", "sobol"])
-def test_a_design_has_one_point_in_each_stratum(method):
-    drawn = [
-        case.values["a"] for case in cases_of({"a": "uniform(0, 64)"}, samples=64, method=method)
-    ]
-    assert sorted(int(each) for each in drawn) == list(range(64))
-
-
 # --- keys of a scenario ---
 
 
