@@ -61,8 +61,13 @@ def driven(lambda_s, noise, count=200, seed=0):
     controller = made(
         unknown=pa.Unknown(friction=False, armature=False),
         limits=pa.Limits(guards=False, torque=False),
-        adaptation="natural",
-        lambda_s=lambda_s,
+    )
+    controller = pa.Controller(
+        controller.law.adjusted(lambda_s=lambda_s),
+        controller.kinematics,
+        controller.dynamics,
+        adaptation_k=controller.adaptation_k,
+        adaptation_d=controller.adaptation_d,
     )
     plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
     desired, mean = pa.Desired(robot.position(robot.q0), still, still), 0.0
