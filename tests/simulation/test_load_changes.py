@@ -45,16 +45,14 @@ def started(controller, true, **start):
 def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit():
     first = arm(payload=LIGHT, viscous=0.2)
     second = arm(payload=HEAVY, coulomb=0.3, tool_translation=TOOL)
-    plant = pa.plants.PinocchioPlant(first)
-    unchanging, alone = (pa.plants.PinocchioPlant(r) for r in (first, second))
+    plant, alone = (pa.plants.PinocchioPlant(robot) for robot in (first, second))
     tau = np.linspace(1.0, -1.0, plant.nv)
     for _ in range(20):
         plant.step(tau, 2e-3)
-        unchanging.step(tau, 2e-3)
     before = plant.measure()
+    assert not np.array_equal(plant.acceleration(tau), alone.acceleration(tau))
     plant.become(second)
     alone._q, alone._v, alone._t = before.q.copy(), before.v.copy(), before.t
-    assert np.array_equal(plant.measure().q, before.q) and plant.measure().t == before.t
     assert not np.allclose(plant.measure().x, before.x)  # another tool is elsewhere
     for _ in range(20):
         for one, other in zip(plant.measure()[:4], alone.measure()[:4], strict=True):
@@ -62,8 +60,6 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit():
         assert np.array_equal(plant.acceleration(tau), alone.acceleration(tau))
         plant.step(tau, 2e-3)
         alone.step(tau, 2e-3)
-        unchanging.step(tau, 2e-3)
-    assert not np.allclose(plant.measure().q, unchanging.measure().q)
     plant.reset()
     assert plant.robot is first and np.array_equal(plant.measure().x, first.position(first.q0))
 

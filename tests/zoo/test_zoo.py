@@ -11,7 +11,6 @@ from pinadapt.zoo.experiment import (
     CONVERGED,
     SWING,
     zoo_case,
-    zoo_numbers,
 )
 
 pytestmark = pytest.mark.slow
@@ -22,14 +21,6 @@ def sooner(monkeypatch):
     """Let runs at 333 Hz end after 12 s, where robots have converged."""
     monkeypatch.setattr("pinadapt.zoo.experiment.LEAST_DURATION", 12.0)
     monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 3e-3)
-
-
-@pytest.mark.usefixtures("sooner")
-def test_a_chain_converges_untuned():
-    row = zoo_numbers("a1_fl_leg", "adaptive-jacobian")
-    assert row["verdict"] == CONVERGED
-    assert row["adapted"] <= 0.02 * row["radius"] and row["adapted"] <= 0.2 * row["unadapted"]
-    assert row["min_eig_M_hat"] > 0.0
 
 
 def test_the_tool_of_a_pose_case_swings():
