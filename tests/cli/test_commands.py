@@ -66,7 +66,7 @@ def diverged(tmp_path_factory):
 # --- outputs ---
 
 
-def test_summary_has_the_documented_keys(finished):
+def test_summary_and_rollout_have_the_documented_keys_and_arrays(finished):
     summary = json.loads((finished / "summary.json").read_text())
     assert not set(SUMMARY) - set(summary)
     assert all(isinstance(summary[key], kind) for key, kind in SUMMARY.items())
@@ -79,9 +79,6 @@ def test_summary_has_the_documented_keys(finished):
     assert (summary["law"], summary["adaptation"]) == ("adaptive-inverse-dynamics", "natural")
     assert summary["version"] == pinadapt.__version__
     assert 0.1 < summary["max_error_first"] < 0.3
-
-
-def test_rollout_has_the_documented_arrays(finished):
     arrays = np.load(finished / "rollout.npz")
     shapes = {
         "t": (50,),

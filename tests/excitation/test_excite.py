@@ -52,17 +52,12 @@ def search(name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_begins_and_ends_at_home_at_rest(name):
-    series = excited(name).trajectory
-    for t in (0.0, series.period):
-        x, xd, xdd = series.at(t)
-        assert np.allclose(x, catalogue_robot(name).home_angles, atol=1e-12)
-        assert np.allclose(xd, 0.0, atol=1e-12) and np.allclose(xdd, 0.0, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_it_keeps_the_limits_between_the_checked_instants(name):
+def test_it_begins_and_ends_at_home_at_rest_and_keeps_the_limits_in_between(name):
     robot, motion = catalogue_robot(name), excited(name)
+    for t in (0.0, motion.trajectory.period):
+        x, xd, xdd = motion.trajectory.at(t)
+        assert np.allclose(x, robot.home_angles, atol=1e-12)
+        assert np.allclose(xd, 0.0, atol=1e-12) and np.allclose(xdd, 0.0, atol=1e-11)
     lower, upper = position_limits(robot.model)
     loaded = robot.changed(payload=pa.Payload(motion.limits.load)).model
     data, most = loaded.createData(), np.zeros(robot.model.nv)

@@ -7,7 +7,7 @@ import pinadapt as pa
 from pinadapt.tuning.defaults import prior_variances
 from tests.support.chains import catalogue_robot
 
-MEMORY, NATURAL = "natural-memory", "natural"
+MEMORY = "natural-memory"
 
 
 def test_a_memory_starts_three_deviations_wide():
