@@ -69,7 +69,7 @@ def run(*, load: bool) -> tuple[RunResult, Counter[int]]:
     scheduling = Scheduling(core=cores[-1])
     make = partial(pa.plants.PinocchioPlant, true.undrawn())
     motion = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
-    plant = partial(ProcessArm, make, core=cores[0], priority=70)
+    plant = partial(ProcessArm, make, scheduling=Scheduling(70, cores[0], lock=False))
     with tempfile.TemporaryDirectory() as folder:
         with plant() as arm, scheduling.applied():
             beside = only_read(arm, SECONDS / 10.0)

@@ -54,4 +54,3 @@ def test_an_overlay_has_a_curve_for_each_law_and_is_not_stretched_by_a_lost_one(
     assert named == [one.law, "lost"]
     assert np.allclose(ax.lines[0].get_ydata(), 1e3 * one.distance)
     assert ax.get_ylim()[1] < 3e3 * one.distance.max()
-    assert [line.get_marker() for line in ax.lines][-1] == "x"

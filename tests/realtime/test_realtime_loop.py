@@ -105,11 +105,8 @@ def test_torques_that_do_not_reach_the_arm_hold_it():
 
     loop = Loop(arm(kind=Deaf), "hold")
     ending = loop.ended()
-    assert loop.phases == OUT and ending.failed and ending.received == 0.6
+    assert loop.phases == OUT and ending.failed
     assert ending.reason.startswith("commands: 40% of the last torques")
-    assert "at least 60% of the last torques" in str(ending)
-    silent = Loop(seconds=0.05).ended()
-    assert np.isnan(silent.received) and "received" not in str(silent)
 
 
 def test_a_read_that_hangs_damps_the_arm_by_the_clock_of_this_computer():

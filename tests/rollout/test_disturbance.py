@@ -67,7 +67,9 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     monkeypatch.setattr(Controller, "init", lambda *a, **k: init(*a, **k).adapt(False))
     rollout = run(name, 2.5, load=None, sensors=sensors)
     later = rollout.t > 0.7
-    seen, told = rollout.disturbance[later], rollout.disturbance_noise[later]
+    of = rollout.evaluated().controller
+    told = np.array([of.disturbance_noise(q, of.period) for q in rollout.q[later]])
+    seen = rollout.disturbance[later]
     ratio = np.sqrt(np.mean(seen**2, axis=0) / np.mean(told**2, axis=0))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.2)
     assert ratio.min() > 0.7 and ratio.max() < 1.5

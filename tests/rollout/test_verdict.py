@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.rollout.summary import FOLLOWS, LOST, ROUGHLY
+from pinadapt.rollout.recording import FOLLOWS, LOST, ROUGHLY
 from pinadapt.scenario.comparison import comparison_table
 from tests.support.loops import run
 

@@ -50,14 +50,14 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit():
     for _ in range(20):
         plant.step(tau, 2e-3)
     before = plant.measure()
-    assert not np.array_equal(plant.acceleration(tau), alone.acceleration(tau))
     plant.become(second)
     alone._q, alone._v, alone._t = before.q.copy(), before.v.copy(), before.t
     assert not np.allclose(plant.measure().x, before.x)  # another tool is elsewhere
     for _ in range(20):
         for one, other in zip(plant.measure()[:4], alone.measure()[:4], strict=True):
             assert np.array_equal(one, other)
-        assert np.array_equal(plant.acceleration(tau), alone.acceleration(tau))
+        q, v = plant.measure().q, plant.measure().v
+        assert np.array_equal(plant.acceleration_at(q, v, tau), alone.acceleration_at(q, v, tau))
         plant.step(tau, 2e-3)
         alone.step(tau, 2e-3)
     plant.reset()

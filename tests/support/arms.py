@@ -19,7 +19,7 @@ ORDINARY = Scheduling(None, None, False)  # as any program
 def forking() -> Iterator[None]:
     """Let the processes of arms and logs be copies of this one, which import nothing."""
     with pytest.MonkeyPatch.context() as patched:
-        for part in ("arm", "recorder"):
+        for part in ("processes", "recorder"):
             patched.setattr(
                 f"pinadapt.realtime.{part}.get_context", lambda kind: get_context("fork")
             )

@@ -20,7 +20,8 @@ from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
 from ..realtime.franka import FrankaArm, at_task_frame
-from ..realtime.realtime_loop import RealtimeLoop, Scheduling, Stage
+from ..realtime.processes import Scheduling
+from ..realtime.realtime_loop import RealtimeLoop, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety

@@ -536,8 +536,6 @@ class Identification(Printed):
             kinematic_names=(),
             dynamic_names=self.estimator.names,
             marks=(),
-            diverged=None,
-            interrupted=None,
         )
         slides = self.described.slides
         with matplotlib.rc_context(RC):

@@ -56,7 +56,7 @@ class ElasticPlant(SimulatedPlant):
         self._read()
 
     def _take(self, robot: Robot) -> None:
-        """Copy the model of a robot; its rotor inertias become those of the motors."""
+        """Take its rotor inertias as those of the motors."""
         rotors = np.array(robot.model.armature)
         if not (rotors > 0.0).all():
             raise RobotError(
@@ -66,10 +66,8 @@ class ElasticPlant(SimulatedPlant):
                 hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
         refuse_missing(robot, "elastic joints")
-        self.robot, self._B = robot, rotors
-        self._model = robot.model.copy()
-        self._model.armature = np.zeros(self.nv)
-        self._data = self._model.createData()
+        super()._take(robot)
+        self._B, self._model.armature = rotors, np.zeros(self.nv)
 
     def _read(self) -> None:
         """Take the q and v that the encoders measure, at the links or at the motors."""
@@ -79,8 +77,7 @@ class ElasticPlant(SimulatedPlant):
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now, with the motors' velocity w."""
-        robot, model = self.robot, self._model
-        x, xd = robot.task.motion(model, self._data, robot.frame_id, self._links, self._v)
+        x, xd = self._motion(self._links, self._v)
         return Measurement(self._t, self._q, self._seen, x, None, xd, w=self._w)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:

@@ -20,7 +20,6 @@ from ..records import Measurement
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
-from ..tasks.several_frames import FramesTask
 from ..tasks.task import Task
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_missing
 
@@ -39,8 +38,8 @@ class MujocoPlant(SimulatedPlant):
 
     The method is the classical one of Runge and Kutta, or that of the file.
 
-    q, v, x and xd are read from MuJoCo. Torques are written to ``qfrc_applied``; actuators are not
-    used.
+    q and v are read from MuJoCo, with a file x and xd too. Torques are written to ``qfrc_applied``;
+    actuators are not used.
 
     Attributes:
         model: the ``mujoco.MjModel``.
@@ -63,9 +62,8 @@ class MujocoPlant(SimulatedPlant):
         mj = mujoco_module()
         self.described = mjcf is None
         self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
-        self.model = self._chain.model
+        self.model, joints = self._chain.model, self._chain.joints
         self.data = mj.MjData(self.model)
-        joints = list(self._chain.joints)
         self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
         if self.described:
             self.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
@@ -86,10 +84,10 @@ class MujocoPlant(SimulatedPlant):
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
         task = self.robot.task
-        if task.positions:
-            x, xd = self._chain.moving(task, self.data)
-        else:
+        if self.described or not task.positions:
             x, xd = self._motion(self._q, self._v)
+        else:
+            x, xd = self._chain.moving(task, self.data)
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
@@ -102,13 +100,11 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def _take(self, robot: Robot) -> None:
-        """Write the parameters of a robot into the model, unless it comes from a file."""
-        self.robot = robot
-        data = robot.model.createData()
-        self._motion = partial(robot.task.motion, robot.model, data, robot.frame_id)
+        """Write its parameters into the model too, unless that comes from a file."""
+        super()._take(robot)
         if self.described:
             write_robot(self.model, robot)
-            M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+            M = pin.crba(self._model, self._data, robot.q0)
             decays = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
             self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
         else:
@@ -116,14 +112,9 @@ class MujocoPlant(SimulatedPlant):
         self._read()
 
     def _read(self) -> None:
-        """Read q and v, and update what depends on them."""
-        mj, model, data = mujoco_module(), self.model, self.data
-        angles, self._v = data.qpos[self._qpos], data.qvel[self._dofs]
-        chain = self.robot.model
-        self._q = angles if chain.nq == chain.nv else configuration_from_angles(chain, angles)
-        mj.mj_kinematics(model, data)
-        mj.mj_comPos(model, data)
-        mj.mj_comVel(model, data)
+        """Read q and v."""
+        self._q = configuration_from_angles(self._model, self.data.qpos[self._qpos])
+        self._v = self.data.qvel[self._dofs]
 
 
 # The MuJoCo model
@@ -145,16 +136,14 @@ class MujocoChain(NamedTuple):
     Attributes:
         model: the ``mujoco.MjModel``.
         joints: ids of the joints of the chain, in the order of the robot.
-        site: id of the site that is the task frame.
-        base: id of the body in whose axes the task coordinates are given, 0 for the world.
-        others: ids of the sites of further task frames.
+        site: of a file: id of the site that is the task frame.
+        base: of a file: id of the body in whose axes the task coordinates are given.
     """
 
     model: mujoco.MjModel
-    joints: tuple[int, ...]
-    site: int
-    base: int
-    others: tuple[int, ...] = ()
+    joints: list[int]
+    site: int = 0
+    base: int = 0
 
     def placement(self, data: mujoco.MjData) -> pin.SE3:
         """Return the placement of the task frame in the base."""
@@ -162,38 +151,30 @@ class MujocoChain(NamedTuple):
         base = pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
         return base.actInv(frame)
 
-    def velocity(self, data: mujoco.MjData) -> pin.Motion:
-        """Return the velocity of the task frame at its origin, in the axes of the base."""
+    def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task velocity (m) in the axes of the base, after updating the data."""
+        assert isinstance(task, FrameTask)
         mj, twist = mujoco_module(), np.empty(6)
+        for update in (mj.mj_kinematics, mj.mj_comPos, mj.mj_comVel):
+            update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
         turn = data.xmat[self.base].reshape(3, 3).T
-        return pin.Motion(turn @ twist[3:], turn @ twist[:3])
-
-    def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and the task velocity (m) of a task of one frame or of several."""
-        if isinstance(task, FramesTask):
-            chains = [self._replace(site=site) for site in (self.site, *self.others)]
-            x, xd = zip(*(each.moving(task.part, data) for each in chains), strict=True)
-            return task.joined(list(x)), task.joined(list(xd))
-        assert isinstance(task, FrameTask)
-        return task.moving(self.placement(data), self.velocity(data))
+        return task.moving(self.placement(data), pin.Motion(turn @ twist[3:], turn @ twist[:3]))
 
 
 mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
 
 
 def chain_of(robot: Robot) -> MujocoChain:
-    """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
+    """Return a model with a body and a joint for each joint of a robot.
 
     Names are those of the robot. There are no collisions and no actuators. ``write_robot`` writes
     the numbers.
     """
-    mj, chain = mujoco_module(), robot.model
-    # The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass
-    # of its body, which must not happen here: these positions [m] and quaternions wxyz are others.
+    chain, spec = robot.model, mujoco_module().MjSpec()
+    # The compiler of MuJoCo simplifies what is at the centre of mass and in the main axes of its
+    # body, which must not happen here: this position [m] and quaternion wxyz are others.
     mass = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
-    site = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
-    spec = mj.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
     bodies, (low, high) = [spec.worldbody], position_limits(chain)
     for i, name in enumerate(robot.joint_names, start=1):
@@ -206,15 +187,12 @@ def chain_of(robot: Robot) -> MujocoChain:
         if joint.limited:
             joint.range = limits
         bodies.append(body)
-    for name in robot.frames:
-        bodies[chain.frames[frame_id(chain, name)].parentJoint].add_site(name=name, **site)
     if robot.contacts:
         _add_contacts(spec, robot, bodies)
     model = spec.compile()
     _stiffen(model.jnt_solref, model.jnt_solimp)
     _stiffen(model.geom_solref, model.geom_solimp)
-    first, *others = (int(model.site(name).id) for name in robot.frames)
-    return MujocoChain(model, tuple(range(chain.nv)), first, 0, tuple(others))
+    return MujocoChain(model, list(range(chain.nv)))
 
 
 def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
@@ -255,10 +233,6 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
         write_inertia(model, i, chain.inertias[i])
-    for name in robot.frames:
-        site = int(model.site(name).id)
-        placement = chain.frames[frame_id(chain, name)].placement
-        write_place(placement, model.site_pos[site], model.site_quat[site])
     model.dof_armature[:] = chain.armature
     model.dof_damping[:] = robot.friction.viscous
     model.dof_frictionloss[:] = robot.friction.coulomb
@@ -337,7 +311,7 @@ class MujocoFile:
         try:
             spec = mj.MjSpec.from_file(path)
             names = self._names(robot, [str(joint.name) for joint in spec.joints])
-            site = self._site(spec, robot, names[-1])
+            site = self._site(spec, robot) if robot.task.positions else ""
             self._hold(spec, spec.compile(), names)
             model = spec.compile()
         except InputError:
@@ -346,8 +320,9 @@ class MujocoFile:
             raise InputError(f"MuJoCo cannot read it: {error}", where=path) from error
         model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_ACTUATION)
         model.body_gravcomp[:] = 0.0
-        joints = tuple(int(model.joint(name).id) for name in names)
-        found = MujocoChain(model, joints, int(model.site(site).id), self._base(model))
+        joints = [int(model.joint(name).id) for name in names]
+        number = int(model.site(site).id) if site else 0
+        found = MujocoChain(model, joints, number, self._base(model))
         _check_alike(found, robot, names)
         return found
 
@@ -360,14 +335,8 @@ class MujocoFile:
             raise InputError(f"two joints of the chain have one name in {names}.", where="joints")
         return names
 
-    def _site(self, spec: Any, robot: Robot, last: str) -> str:
-        """Return the name of the site that is the task frame; it is added to a body.
-
-        A joint task does not need a frame; the body of the ``last`` joint gets the site.
-        """
-        if self.frame is None and not isinstance(robot.task, FrameTask):
-            spec.joint(last).parent.add_site(name=_FRAME)
-            return _FRAME
+    def _site(self, spec: Any, robot: Robot) -> str:
+        """Return the name of the site that is the task frame; it is added to a body."""
         sites, bodies = ([str(each.name) for each in all] for all in (spec.sites, spec.bodies))
         name = word(self.frame or robot.frame, [*sites, *bodies], "frame")
         if name in sites:
@@ -380,18 +349,11 @@ class MujocoFile:
         mj, roots = mujoco_module(), model.body_rootid[model.jnt_bodyid]
         arm = {int(roots[model.joint(name).id]) for name in names}
         for joint in range(model.njnt):
-            name, kind = str(model.joint(joint).name), mj.mjtJoint(model.jnt_type[joint])
-            if name in names or int(roots[joint]) not in arm:
-                continue
-            if not name or kind not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE):
-                raise InputError(
-                    f"the joint '{name}' is not part of the chain and cannot be held.",
-                    where=str(self.path),
-                    hint="Give it a name if it is a hinge or slide; else remove it.",
-                )
-            equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
-            held = spec.add_equality(type=equality, objtype=kind, name1=name)
-            _stiffen(held.solref, held.solimp)
+            name = str(model.joint(joint).name)
+            if name not in names and int(roots[joint]) in arm:
+                equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
+                held = spec.add_equality(type=equality, objtype=kind, name1=name)
+                _stiffen(held.solref, held.solimp)
 
     def _base(self, model: mujoco.MjModel) -> int:
         """Return the id of the base; 0, the world, if there is none."""
@@ -420,7 +382,7 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
     """
     mj, model, chain = mujoco_module(), found.model, robot.model
     data, ours = mj.MjData(model), chain.createData()
-    data.qpos[model.jnt_qposadr[list(found.joints)]] = robot.home_angles
+    data.qpos[model.jnt_qposadr[found.joints]] = robot.home_angles
     mj.mj_kinematics(model, data)
     pin.framesForwardKinematics(chain, ours, robot.q0)
     turn = data.xmat[found.base].reshape(3, 3)
@@ -434,13 +396,11 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
                 where="joints",
                 hint=hint,
             )
-    if not isinstance(robot.task, FrameTask):
+    if not robot.task.positions:
         return
     away = ours.oMf[robot.frame_id].actInv(found.placement(data))
     turned = np.cos(np.linalg.norm(pin.log3(away.rotation))) < WIDEST
-    parts = [*chain.jointPlacements, chain.frames[robot.frame_id].placement]
-    length = sum(float(np.linalg.norm(part.translation)) for part in parts)
-    far = np.linalg.norm(away.translation) > FARTHEST * length
+    far = np.linalg.norm(away.translation) > FARTHEST * robot.reach
     if far or (turned and isinstance(robot.task, PoseTask)):
         raise InputError(
             "at home the frame in the file is elsewhere than in the description, by\n"

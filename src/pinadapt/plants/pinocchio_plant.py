@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ..exceptions import DivergedError
 from ..records import Measurement
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction
@@ -95,8 +93,8 @@ class PinocchioPlant(SimulatedPlant):
 
     Contacts neither lift nor slide, whatever force that takes; MuJoCo's do.
 
-    ``measure``, ``step`` and ``acceleration`` use the state of the plant; methods that take q and v
-    do not depend on it.
+    ``measure`` and ``step`` use the state of the plant; methods that take q and v do not depend on
+    it.
     """
 
     def __init__(self, robot: Robot, **options: Any) -> None:
@@ -114,10 +112,8 @@ class PinocchioPlant(SimulatedPlant):
         self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
 
     def _take(self, robot: Robot) -> None:
-        """Copy the model of a robot."""
-        self.robot, self._model = robot, robot.model.copy()
-        self._data = self._model.createData()
-        self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
+        """Take its equation of motion too."""
+        super()._take(robot)
         self._integrate = FittedMidpoint(robot)
 
     def measure(self) -> Measurement:
@@ -131,27 +127,18 @@ class PinocchioPlant(SimulatedPlant):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
 
-    def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
-        """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
-        return self.acceleration_at(self._q, self._v, torque, feedthrough)
-
     def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None
     ) -> np.ndarray:
         """Return the acceleration a (nv) at q, v under torque tau + feedthrough @ a and friction.
 
         Raises:
-            DivergedError: M - feedthrough is singular.
+            LinAlgError: M - feedthrough is singular.
         """
         M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
-        try:
-            return self._integrate.solved(M, force, q, v)
-        except np.linalg.LinAlgError as error:
-            raise DivergedError(
-                "the algebraic loop of torque and acceleration became singular."
-            ) from error
+        return self._integrate.solved(M, force, q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""

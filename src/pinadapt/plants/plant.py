@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import ClassVar, TypeAlias
 
 import numpy as np
@@ -71,8 +72,7 @@ LONGEST_STEP = 1e-3
 class SimulatedPlant(Plant):
     """A simulated robot that starts at its home pose at rest, with limited motor torques.
 
-    A subclass takes a robot, ``_take``, and moves under a held torque, ``hold``; delay and
-    bandwidth of the motors are here.
+    A subclass moves under a held torque, ``hold``; delay and bandwidth of the motors are here.
 
     Attributes:
         robot: the true robot as it is now; ``reset`` restores the first one.
@@ -140,9 +140,11 @@ class SimulatedPlant(Plant):
         check_successor(self.robot, robot, "robot")
         self._take(robot)
 
-    @abstractmethod
     def _take(self, robot: Robot) -> None:
-        """Move as a robot from now on."""
+        """Move as a robot from now on; a subclass takes what else it needs of it."""
+        self.robot, self._model = robot, robot.model.copy()
+        self._data = self._model.createData()
+        self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
 
     @abstractmethod
     def hold(self, tau: np.ndarray, dt: float) -> None:
@@ -158,7 +160,7 @@ class SimulatedPlant(Plant):
         tau = np.asarray(self.motors(torque), dtype=float)
         if tau.shape != (self.nv,):
             raise InputError(f"expected {self.nv} numbers, got {tau.shape}.", where="torque")
-        if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
+        if not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold(tau, dt)

@@ -77,14 +77,12 @@ class SimulatedSensors:
 
     def reset(self) -> None:
         """Discard all measurements; restart the random numbers."""
-        self._rng = np.random.default_rng(self._seed)
-        self._of_torque = np.random.default_rng([self._seed, 2])
-        self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
-        self._of_frames = np.random.default_rng([self._seed, 1])
+        rngs = [np.random.default_rng([self._seed, k]) for k in range(5)]
+        self._rng, self._of_frames, self._of_torque, of_offset, self._of_imu = rngs
+        self._off = self._offset * of_offset.uniform(-1.0, 1.0)
         self._sample, self._truths = 0, deque[Measurement](maxlen=self._late + 1)
         self._last: np.ndarray | None = None
         if self.sensors.imu is not None:
-            self._of_imu = np.random.default_rng([self._seed, 4])
             way = self._of_imu.standard_normal(2)
             self._tilt = self.sensors.imu.tilt * way / np.linalg.norm(way)
             self._base = BaseFromLegs(self._robot)
@@ -137,9 +135,8 @@ class SimulatedSensors:
         if k == 0:
             self._truths.extend([truth] * self._late)
         self._truths.append(truth)
-        frame, comes = self._truths[0], k == 0
-        if k and self._takes(k - self._late):
-            comes = self._of_frames.random() >= self._camera.dropout
+        frame, taken = self._truths[0], self._takes(k - self._late)
+        comes = k == 0 or (taken and self._of_frames.random() >= self._camera.dropout)
         if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
         x, xd = frame.x, frame.xd if self._camera.rate is None else None

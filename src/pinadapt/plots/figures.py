@@ -20,7 +20,6 @@ from .style import (
     literal,
     matplotlib,
     panels,
-    shade,
 )
 
 
@@ -87,8 +86,6 @@ def parameter_figure(run: Drawable) -> Picture:
         grey = set(names) & set(run.not_identified)
         notes = ["dashed: truth"] * (truth is not None) + ["grey: not identified"] * bool(grey)
         curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
-    if not drawn:
-        axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
     return figure
 
@@ -96,15 +93,13 @@ def parameter_figure(run: Drawable) -> Picture:
 def torque_figure(run: Drawable) -> Picture:
     """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The disturbance is drawn where the law observes it,
-    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
-    the smallest of the estimated mass matrix. Shading marks a torque at its limit.
+    The limits are those of the description. The disturbance is drawn where the law observes it. The
+    eigenvalue is the smallest of the estimated mass matrix.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
     figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
-    shade(axes[0], run.t, run.saturated, "C3", "at its limit")
     if limited.size:
         share = 100.0 * run.tau[:, limited] / bounds
         words = [f"{names[i]}: {bound:g}" for i, bound in zip(limited, bounds, strict=True)]
@@ -113,10 +108,6 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
-        if run.disturbance_noise is not None:
-            band = run.disturbance_noise.max(axis=1)
-            axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
-            legend(axes[-2])
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)
@@ -152,10 +143,8 @@ def prediction_figure(
             ax.plot(t, values[:, j], lw=1.0, label=words)
         ax.axvspan(split, t[-1], color="C3", alpha=0.2, lw=0.0, label="held out")
     for ax in axes[len(slides) :]:
-        ax.set_visible(False)
-    for ax in axes[max(0, len(slides) - 2) : len(slides)]:
-        ax.set_xlabel("time [s]")
-        ax.tick_params(labelbottom=True)
+        ax.remove()
+    figure.supxlabel("time [s]")
     legend(axes[min(1, len(slides) - 1)])
     figure.suptitle(literal(f"{title}: torques, low-passed"))
     return figure
@@ -164,21 +153,18 @@ def prediction_figure(
 def overlay_figure(runs: Sequence[Drawable]) -> Picture:
     """Return one figure with the error norms of several runs of one task, named by their laws.
 
-    A panel for each group of rows. A run that diverged ends with a cross; it does not stretch the
-    axis.
+    A panel for each group of rows. A run that diverged does not stretch the axis.
     """
     groups = runs[0].task.groups
     with matplotlib.rc_context(RC):
         figure, axes = panels(len(groups))
         for ax, group in zip(axes, groups, strict=True):
-            ended = []
+            ended = [np.zeros(0)]
             for run in runs:
                 norm = _norm(ax, run, group, literal(f"{run.law}, {run.adaptation}"))
                 if run.diverged is None:
                     ended.append(norm)
-                else:
-                    ax.plot(run.t[-1:], norm[-1:], color=ax.lines[-1].get_color(), marker="x")
-            kept = np.concatenate([*ended, np.zeros(0)])
+            kept = np.concatenate(ended)
             if kept.size:
                 ax.set_ylim(0.5 * np.quantile(kept, 0.01), 2.0 * kept.max())
             ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")

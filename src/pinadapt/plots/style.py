@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 RC: Any = {"axes.grid": True, "grid.linestyle": ":", "text.usetex": False}
@@ -23,15 +22,11 @@ class Picture(Figure):
     """A figure outside of pyplot: shown only on request, and freed with its last reference."""
 
     def png(self, dpi: int = 100) -> bytes:
-        """Return the picture as a PNG file.
-
-        The canvas draws it once; ``savefig`` would draw it twice, first to find its layout.
-        """
-        canvas, buffer = FigureCanvasAgg(self), BytesIO()
+        """Return the picture as a PNG file."""
+        buffer = BytesIO()
         with matplotlib.rc_context({"text.usetex": False}), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph")  # not in the font: a box
-            self.dpi = dpi
-            canvas.print_png(buffer)
+            self.savefig(buffer, format="png", dpi=dpi)
         return buffer.getvalue()
 
     def _repr_png_(self) -> bytes:
@@ -101,14 +96,6 @@ def legend(ax: Any, title: str = "") -> None:
         ax.legend(title=title or None, loc="upper left", bbox_to_anchor=(1.0, 1.0), **small)
 
 
-def shade(ax: Any, t: np.ndarray, where: np.ndarray, colour: str, label: str) -> None:
-    """Shade the times t (N) at which ``where`` (N) is true."""
-    if where.any():
-        place: Any = {"where": where, "transform": ax.get_xaxis_transform()}
-        ax.fill_between(t, 0.0, 1.0, color=colour, alpha=0.2, lw=0.0, label=label, **place)
-        legend(ax)
-
-
 def finish(figure: Any, axes: Any, run: Drawable) -> None:
     """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
@@ -118,8 +105,4 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
             above = {"transform": axes[0].get_xaxis_transform(), "ha": "center", "va": "bottom"}
             axes[0].text(at, 1.02, literal(what), fontsize="x-small", **above)
-    end = ""
-    for words, at in (("diverged", run.diverged), ("interrupted", run.interrupted)):
-        if at is not None:
-            end = f" - {words} at {at:.3f} s"
-    figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation}){end}"))
+    figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation})"))

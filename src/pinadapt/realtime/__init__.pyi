@@ -2,9 +2,9 @@ from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
+from .processes import Scheduling as Scheduling
 from .realtime_loop import RealtimeLoop as RealtimeLoop
 from .realtime_loop import RunResult as RunResult
-from .realtime_loop import Scheduling as Scheduling
 from .realtime_loop import Stage as Stage
 from .recorder import CycleLog as CycleLog
 from .recorder import Phase as Phase
@@ -14,5 +14,4 @@ from .recorder import tell as tell
 from .recorder import watched as watched
 from .safety import Checklist as Checklist
 from .safety import Safety as Safety
-from .safety import SafetyAction as SafetyAction
 from .safety import SafetyFinding as SafetyFinding

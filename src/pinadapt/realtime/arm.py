@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import gc
-import os
 import signal
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive, vector, word
+from .._checks import instance, joint_numbers, positive, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
 from ..plants.plant import Plant
@@ -26,11 +22,7 @@ from ..plants.sensors import SimulatedSensors
 from ..records import Measurement, Sensors
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
-
-# [s] that a process may take to start, or to end before it is killed; half or twice: one that
-# hangs is given up as much sooner or later
-_PATIENCE = 60.0
-MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
+from .processes import MAIN, ORDINARY, Scheduling, end_process, start_process
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +65,7 @@ class ArmFacts:
         word(self.clock, ("arm", "host", "simulated"), "clock")
         n = len(self.joints)
         for name in ("torque", "velocity", "torque_rate"):
-            given = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), n).copy()
-            if not (given > 0.0).all():
-                raise InputError(f"must be positive, got {given.tolist()}.", where=name)
+            given = joint_numbers(getattr(self, name), name, n, zero=False, infinite=True)
             object.__setattr__(self, name, given)
 
     @classmethod
@@ -154,12 +144,7 @@ class Arm(ABC):
         """Return the arm."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Stop the arm and close it."""
         self.stop("the program has ended" if error is None else f"{type(error).__name__}: {error}")
         self.close()
@@ -222,12 +207,8 @@ class PlantArm(Arm):
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
     def send(self, torque: np.ndarray) -> None:
-        """Hold a torque (n) [N m or N] from now on.
-
-        Raises:
-            InputError: not n finite numbers.
-        """
-        self._sent = vector(torque, len(self.facts.joints), "torque", fills=False)
+        """Hold a torque (n) [N m or N] from now on."""
+        self._sent = np.array(torque, dtype=float)
         self._given = self.plant.motors(self._sent.copy())
 
     def stop(self, reason: str) -> None:
@@ -251,9 +232,7 @@ class ProcessArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        core: int | None = None,
-        priority: int | None = None,
-        timeout: float = 1.0,
+        scheduling: Scheduling = ORDINARY,
     ) -> None:
         """Start the process.
 
@@ -262,16 +241,14 @@ class ProcessArm(Arm):
                 process.
             period: of the plant's cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            core: processor core for the process; None for any.
-            priority: real-time priority of the process, if the system allows it; None: ordinary.
-            timeout: for the next measurement [s].
+            scheduling: of the process, as far as the system allows it.
 
         Raises:
             ArmError: the process does not start.
         """
         options = {"period": period, "sensors": sensors}
-        self._process, self._link, facts = start_process(_serve, make, options, core, priority)
-        self.pid, self._timeout = self._process.pid, timeout
+        self._process, self._link, facts = start_process(_serve, make, options, scheduling)
+        self.pid = self._process.pid
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -287,8 +264,8 @@ class ProcessArm(Arm):
         """
         name = self.facts.name
         try:
-            if not self._link.poll(self._timeout):
-                raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
+            if not self._link.poll(1.0):
+                raise ArmError("no measurement came for 1 s.", where=name)
             newest: Measurement = self._link.recv()
             while self._link.poll():
                 newest = self._link.recv()
@@ -301,15 +278,9 @@ class ProcessArm(Arm):
         return newest
 
     def send(self, torque: np.ndarray) -> None:
-        """Send a torque (n) [N m or N].
-
-        Raises:
-            ArmError: the process has ended.
-        """
-        try:
+        """Send a torque (n) [N m or N]."""
+        with suppress(OSError):  # the process has ended, which ``read`` notices
             self._link.send(np.asarray(torque, dtype=float))
-        except OSError as error:
-            raise ArmError(f"the torque cannot be sent: {error}.", where=self.facts.name) from error
 
     def stop(self, reason: str) -> None:
         """Tell the process to stop its plant."""
@@ -322,49 +293,15 @@ class ProcessArm(Arm):
         end_process(self._process, self._link)
 
 
-def start_process(
-    serve: Callable[..., None], *arguments: Any
-) -> tuple[SpawnProcess, Connection, Any]:
-    """Start a process that serves one end of a pipe.
-
-    Returns:
-        The process, the other end, and the first that comes from there; None: it did not start.
-    """
-    context = get_context("spawn")
-    link, there = context.Pipe()
-    process = context.Process(target=serve, args=(there, *arguments), daemon=True)
-    process.start()
-    there.close()
-    try:
-        first = link.recv() if link.poll(_PATIENCE) else None
-    except (OSError, EOFError):
-        first = None
-    return process, link, first
-
-
-def end_process(process: SpawnProcess, link: Connection) -> None:
-    """Wait until a process ends that was told to; kill it if it does not."""
-    process.join(_PATIENCE)
-    process.kill()
-    process.join(1.0)
-    link.close()
-
-
 def _serve(
     link: Connection,
     make: Callable[[], Plant],
     options: dict[str, Any],
-    core: int | None,
-    priority: int | None,
+    scheduling: Scheduling,
 ) -> None:
     """Move a plant on its own clock until the loop stops it or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     try:
-        with suppress(OSError, AttributeError):
-            if core is not None:
-                os.sched_setaffinity(0, {core})
-            if priority is not None:
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
         arm = PlantArm(plant := make(), **options)
         period = arm.facts.period
         plant.step(np.zeros(plant.nv), period)  # kernels are compiled and touched
@@ -376,7 +313,8 @@ def _serve(
     gc.freeze()
     gc.disable()
     due = time.monotonic()
-    with suppress(ArmError, OSError, EOFError):  # it has stopped, or the loop has ended
+    # until it has stopped, or the loop has ended
+    with scheduling.applied(), suppress(ArmError, OSError, EOFError):
         while True:
             link.send(arm.read())
             due = max(due + period, time.monotonic() - 10.0 * period)

@@ -138,19 +138,16 @@ class FrankaArm(Arm):
         vendor = self._vendor
         with self._talking():
             state = self._robot.read_once()
-            if state.robot_mode == vendor.RobotMode.Reflex or state.current_errors:
-                if not self._recover:
-                    raise ArmError(
-                        f"is in error: {state.current_errors}.",
-                        where=self.facts.name,
-                        hint=_RECOVER,
-                    )
+            mode = state.robot_mode
+            failed = mode == vendor.RobotMode.Reflex or state.current_errors
+            if failed and self._recover:
                 self._robot.automatic_error_recovery()
-            elif state.robot_mode != vendor.RobotMode.Idle:
+            elif failed or mode != vendor.RobotMode.Idle:
                 raise ArmError(
-                    f"is not ready: its mode is {state.robot_mode.name}.",
+                    f"is not ready: its mode is {mode.name}, its errors {state.current_errors}.",
                     where=self.facts.name,
-                    hint="Release the user stop, unlock the brakes in Desk, end other programs.",
+                    hint=f"{_RECOVER} Or release the user stop, unlock the brakes in Desk, end "
+                    "other programs.",
                 )
             self._robot.set_collision_behavior(*self._thresholds)
             if self._load is not None:
@@ -166,8 +163,6 @@ class FrankaArm(Arm):
             ArmError: as ``read``.
             InputError: not seven finite numbers.
         """
-        if self._control is None:
-            return
         given = vector(torque, len(TORQUE), "torque", fills=False)
         with self._talking():
             self._control.writeOnce(self._vendor.Torques(given.tolist()))

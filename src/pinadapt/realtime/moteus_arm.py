@@ -83,7 +83,6 @@ class MoteusArm(Arm):
         channel: str = "can0",
         period: float = 2e-3,
         timeout: float = 1e-2,
-        silence: float = 0.1,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Open the bus; nothing moves.
@@ -95,7 +94,6 @@ class MoteusArm(Arm):
             channel: of the interface.
             period: of the loop [s].
             timeout: for the replies of a cycle [s].
-            silence: time without a torque after which the motors stop by themselves [s].
             clock: of the measurements.
 
         Raises:
@@ -112,7 +110,7 @@ class MoteusArm(Arm):
             )
         self.motors = [motors[of.index(name)] for name in names]
         self._can, self._moteus, self._clock = can, moteus, clock
-        self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
+        self._timeout = positive(timeout, "timeout")
         self.facts = ArmFacts.of(
             robot,
             name=f"motors at {channel}",
@@ -155,8 +153,10 @@ class MoteusArm(Arm):
         """Ask all motors and take their replies; return which (n) answered in time.
 
         Raises:
-            ArmError: a motor reports a fault, or the bus failed.
+            ArmError: a motor reports a fault, or has stopped by its watchdog, or the bus failed.
         """
+        register, modes = self._moteus.Register, self._moteus.Mode
+        asked = register.POSITION, register.VELOCITY, register.TORQUE
         answered = np.zeros(len(self._nodes), dtype=bool)
         try:
             while self._bus.recv(0.0) is not None:
@@ -168,31 +168,21 @@ class MoteusArm(Arm):
                 message = self._bus.recv(left)
                 number = 0 if message is None else message.arbitration_id
                 k = self._places.get(number >> 8 & 0x7F)
-                if k is not None and not number & 0x7F:
-                    self._take(message, k)
-                    answered[k] = True
+                if k is None or number & 0x7F:
+                    continue
+                values = self._moteus.parse_registers(bytes(message.data)).response
+                if int(values.get(register.MODE, 0)) in (modes.FAULT, modes.TIMEOUT):
+                    raise ArmError(
+                        f"the motor of {self.motors[k].joint} has fault "
+                        f"{values.get(register.FAULT, 0)}, or was stopped by its watchdog.",
+                        where=self.facts.name,
+                        hint="Faults are listed in moteus' reference; a stop command ends them.",
+                    )
+                self._raw[:, k] = [values[each] for each in asked]
+                answered[k] = True
         except self._can.CanError as error:
             raise ArmError(f"the bus failed: {error}.", where=self.facts.name) from error
         return answered
-
-    def _take(self, message: Any, k: int) -> None:
-        """Take the reply of a motor, the k-th.
-
-        Raises:
-            ArmError: it reports a fault, or has stopped by its watchdog.
-        """
-        register = self._moteus.Register
-        values = self._moteus.parse_registers(bytes(message.data)).response
-        mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
-        if mode in (modes.FAULT, modes.TIMEOUT):
-            raise ArmError(
-                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, "
-                "or was stopped by its watchdog.",
-                where=self.facts.name,
-                hint="Faults are listed in moteus' reference; they end with a stop command.",
-            )
-        asked = register.POSITION, register.VELOCITY, register.TORQUE
-        self._raw[:, k] = [values[each] for each in asked]
 
     def read(self) -> Measurement:
         """Ask all motors and return what they say; one that misses a cycle keeps its last values.
@@ -234,7 +224,7 @@ class MoteusArm(Arm):
                     feedforward_torque=each,
                     kp_scale=0.0,
                     kd_scale=0.0,
-                    watchdog_timeout=self._silence,
+                    watchdog_timeout=0.1,  # [s]
                 )
                 self._bus.send(self._message(command))
         except self._can.CanError as error:

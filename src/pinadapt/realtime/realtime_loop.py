@@ -11,21 +11,18 @@ leads to.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import math
-import os
 import signal
 import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -43,8 +40,9 @@ from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
+from .processes import Scheduling
 from .recorder import Phase, Recorder, load_of
-from .safety import STILL, Checklist, Safety, SafetyAction, SafetyFinding
+from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
@@ -68,50 +66,6 @@ class Stage(str, Enum):
     ADAPT = "adapt"  # the motion with adaptation
 
 
-@dataclass(frozen=True)
-class Scheduling:
-    """Real-time settings requested of the operating system; those denied are noted.
-
-    Attributes:
-        priority: real-time priority (SCHED_FIFO), 1 to 99; None: that of any program.
-        core: processor core to stay on; None: any.
-        lock: whether all memory is kept from being paged out.
-    """
-
-    priority: int | None = 80
-    core: int | None = None
-    lock: bool = True
-
-    @contextmanager
-    def applied(self) -> Iterator[list[str]]:
-        """Apply it, yield notes on what is not allowed, and take it back."""
-        notes: list[str] = []
-        with ExitStack() as back:
-            try:
-                if self.core is not None:
-                    back.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
-                    os.sched_setaffinity(0, {self.core})
-                if self.priority is not None:
-                    former = os.sched_getscheduler(0), os.sched_getparam(0)
-                    back.callback(os.sched_setscheduler, 0, *former)
-                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-            except (OSError, ValueError, OverflowError, AttributeError) as error:
-                notes.append(
-                    f"no core of its own or real-time priority ({error}): other programs will make "
-                    "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
-                    "yourself to the group"
-                )
-            if self.lock:
-                system = ctypes.CDLL(None)
-                back.callback(system.munlockall)
-                if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
-                    notes.append(
-                        "memory is not locked: paging may make cycles late; raise 'memlock' in "
-                        "/etc/security/limits.conf"
-                    )
-            yield notes
-
-
 def quantiles(times: Counter[int]) -> list[str]:
     """Return median, 99 %, 99.9 % and worst of times that were counted [us]."""
     found = np.percentile(list(times.elements()) or [0], (50.0, 99.0, 99.9, 100.0))
@@ -129,7 +83,6 @@ class RunResult:
         late: how many took more than one and a half periods, by either clock.
         step: how often it took which time from a measurement to its torque [us].
         period: the same of the time between measurements by this computer's clock [us].
-        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -141,7 +94,6 @@ class RunResult:
     late: int = 0
     step: Counter[int] = field(default_factory=Counter)
     period: Counter[int] = field(default_factory=Counter)
-    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
@@ -149,12 +101,9 @@ class RunResult:
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
         times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
-        notes = list(self.notes)
-        if not math.isnan(self.received):
-            notes.append(f"at least {self.received:.0%} of the last torques were received")
         rows = [("cycles", f"{self.cycles}, {self.late} late by over half a period")]
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
-        rows += [("note", note) for note in notes]
+        rows += [("note", note) for note in self.notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
         return str(Report(f"loop, {self.reason}", [histogram, Table(rows)]))
 
@@ -251,7 +200,7 @@ class RealtimeLoop:
         self._blind = 0.0  # [s] by this computer's clock, without q and v
         self._sent = np.zeros(kinematics.nv)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
-        self._state: ControllerState | None = None
+        self._state: ControllerState  # from the first cycle on
         self._path: Trajectory = Hold()
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
@@ -271,13 +220,20 @@ class RealtimeLoop:
         The arm is stopped whatever happens.
 
         Raises:
-            InputError: the arm is where the controller cannot start.
+            InputError, MeasurementError: the arm is where the controller cannot start.
             ArmError: the arm refuses to begin, its first measurements cannot be used, or another
                 loop drives it.
         """
         collecting, result = gc.isenabled(), self.result
         with ExitStack() as back, threadpool_limits(1, "blas"):
-            self._claim_arm(back)
+            lock = vars(self._arm).setdefault("_driven", threading.Lock())
+            if not lock.acquire(blocking=False):
+                raise ArmError(
+                    "is driven by another loop.",
+                    where=self._facts.name,
+                    hint="Let that end first, and use one loop for one arm.",
+                )
+            back.callback(lock.release)
             self._catch_signals(back)
             for note in back.enter_context(self._scheduling.applied()):
                 self._note(note)
@@ -293,26 +249,11 @@ class RealtimeLoop:
                 if collecting:
                     gc.enable()
                 self._arm.stop(result.reason or "the loop has ended")
-                result.state = self._state
+                result.state = vars(self).get("_state")
                 result.notes += self._ringing()
                 if self._recorder is not None and self._recorder.trouble:
                     result.notes.append(self._recorder.trouble)
         return result
-
-    def _claim_arm(self, back: ExitStack) -> None:
-        """Keep other loops from driving the arm, until all is given ``back``.
-
-        Raises:
-            ArmError: one does.
-        """
-        lock = vars(self._arm).setdefault("_driven", threading.Lock())
-        if not lock.acquire(blocking=False):
-            raise ArmError(
-                "is driven by another loop.",
-                where=self._facts.name,
-                hint="Let that end first, and use one loop for one arm.",
-            )
-        back.callback(lock.release)
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
@@ -352,19 +293,15 @@ class RealtimeLoop:
         """Run the controller from a state, beside the arm's place, and forget what came of it.
 
         Raises:
-            ArmError: the controller refuses the measurement.
+            PinadaptError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
         task = controller.kinematics.task
         aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
-            try:
-                desired = controller.desired(state, aside, k * period)
-                torque, state = controller.step(state.adapt(True), m, desired, period)
-            except PinadaptError as error:
-                words = " ".join(str(error).split())
-                raise ArmError(f"cannot start: {words}", where=self._facts.name) from error
+            desired = controller.desired(state, aside, k * period)
+            torque, state = controller.step(state.adapt(True), m, desired, period)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
                 m = m._replace(tau=self._of_motors(torque, m))
         controller.safe(state, m)
@@ -435,7 +372,8 @@ class RealtimeLoop:
                 recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
-            if duration is not None and m.t - self._begin >= duration and not self._leaving:
+            over = duration is not None and m.t - self._begin >= duration
+            if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
             due += period
             if not self._facts.paced:
@@ -452,24 +390,21 @@ class RealtimeLoop:
             host = 0.0 if self._facts.clock == "simulated" else host
             lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
             self._blind = self._blind + host if lost else 0.0
-            result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         recorder, state = self._recorder, self._state
-        assert state is not None
         self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-        finding = self._checks.of_arm(m, dt, host, self._arm.received)
-        if self._flaw:
-            finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
-        if finding is None and recorder is not None and recorder.trouble and not self._leaving:
-            finding = SafetyFinding("log", recorder.trouble, SafetyAction.HOLD)
         if self._signals:  # the first one holds, the second one damps, the third one stops
-            action = SafetyAction(min(self._signals + SafetyAction.REST, SafetyAction.STOP))
-            finding = SafetyFinding("interrupt", "Ctrl-C or a signal", action)
-        self._respond(finding)
+            phase = Phase(min(Phase.RUNNING + self._signals, Phase.STOPPED))
+            self._respond(SafetyFinding("interrupt", "Ctrl-C or a signal", phase))
+        if self._flaw:
+            self._respond(SafetyFinding("driver", self._flaw, Phase.DAMPING))
+        self._respond(self._checks.of_arm(m, dt, host, self._arm.received))
+        if recorder is not None and recorder.trouble:
+            self._respond(SafetyFinding("log", recorder.trouble, Phase.HOLDING))
         torque: np.ndarray | None = None
         if self._phase is Phase.RUNNING and self.stage is Stage.GRAVITY:
             torque = self._safe(m, _FREE, hold=False)
@@ -482,9 +417,10 @@ class RealtimeLoop:
             return None
         if not np.isfinite(torque).all():
             words = "a torque is not finite"
-            self._respond(SafetyFinding("controller", words, SafetyAction.STOP))
+            self._respond(SafetyFinding("controller", words, Phase.STOPPED))
             return None
-        self._sent = self._checks.limited(torque, self._sent, max(dt, self._period))
+        change = self._checks.rate * max(dt, self._period)
+        self._sent = limited_torque(torque, self._checks.limit, self._sent, change)
         self._given = self._of_motors(self._sent, m)
         return self._sent
 
@@ -493,7 +429,6 @@ class RealtimeLoop:
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
         state, controller, given = self._state, self._controller, self._given
-        assert state is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             given, m = m.tau, m._replace(tau=None)
             self._tick |= {"given": given, "tau": None}
@@ -505,7 +440,7 @@ class RealtimeLoop:
         except PinadaptError as error:
             self._state = state
             words = " ".join(str(error).split())
-            self._respond(SafetyFinding("controller", words, SafetyAction.DAMP))
+            self._respond(SafetyFinding("controller", words, Phase.DAMPING))
             return None
         self._last.append(torque)
         self._state = after
@@ -518,7 +453,7 @@ class RealtimeLoop:
         pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
         finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
-        if finding is not None and finding.action is SafetyAction.REST:
+        if finding is not None and finding.phase is Phase.RUNNING:
             if self._calm > _SETTLED:
                 self._note(f"the adaptation rests: {finding}")
             self._calm = 0.0
@@ -535,18 +470,16 @@ class RealtimeLoop:
 
     def _safe(self, m: Measurement, damping: float, **options: Any) -> np.ndarray:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
-        assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, **options)
         unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])
             words = f"neither q nor v of {names} is measured any more; it needs brakes"
-            self._respond(SafetyFinding("unseen", words, SafetyAction.STOP))
+            self._respond(SafetyFinding("unseen", words, Phase.STOPPED))
         return torque
 
     def _advance(self) -> None:
         """Go on from holding to damping after a while, and from there once the joints rest."""
-        assert self._state is not None
         self._since += self._period
         if self._phase is Phase.HOLDING and self._since > _SETTLED and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
@@ -558,18 +491,13 @@ class RealtimeLoop:
 
     # --- findings, commands, signals ------------------------------------------------------------
 
-    @property
-    def _leaving(self) -> bool:
-        """Whether the loop is on its way out."""
-        return self._phase >= Phase.DAMPING or (self._phase is Phase.HOLDING and not self._halted)
-
     def _respond(self, finding: SafetyFinding | None) -> None:
-        """Enter the phase of a finding's action, unless a later one has been entered already."""
+        """Enter the phase of a finding, unless it or a later one has been entered already."""
         if finding is None:
             return
-        phase = Phase(int(finding.action))  # of the same number
+        phase, failed = finding.phase, finding.check not in ("interrupt", "stop")
         if phase > self._phase or (phase is Phase.HOLDING and self._halted):
-            self._enter(phase, str(finding), failed=finding.check not in ("interrupt", "stop"))
+            self._enter(phase, str(finding), failed=failed)
 
     def _enter(
         self, phase: Phase, why: str, *, failed: bool = False, commanded: bool = False
@@ -594,7 +522,7 @@ class RealtimeLoop:
     @property
     def _now(self) -> float:
         """The time of the path, less what the governor has it wait [s]."""
-        path = None if self._state is None else self._state.path
+        path = self._state.path
         return self._t - self._begin - (0.0 if path is None else path.lag)
 
     def _note(self, words: str) -> None:
@@ -618,7 +546,7 @@ class RealtimeLoop:
     def _catch_signals(self, back: ExitStack) -> None:
         """Count signals that would end the program, until all is given ``back``."""
 
-        def count(number: int, frame: FrameType | None) -> None:
+        def count(*_: object) -> None:
             """Count a signal; end at once before the first cycle, and at the fourth."""
             self._signals += 1
             if self._phase is Phase.STARTING or self._signals > 3:
@@ -645,8 +573,8 @@ class RealtimeLoop:
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
         elif name == "stop" and self._phase is not Phase.STARTING:
-            self._respond(SafetyFinding("stop", str(value or "commanded"), SafetyAction.HOLD))
-        elif name == "load" and self._state is not None:
+            self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
+        elif name == "load" and self._phase is not Phase.STARTING:
             self._state = self._controller.announce(self._state, payload=load_of(value))
             self._checks.announced()
             self._event(load=value)
@@ -656,7 +584,7 @@ class RealtimeLoop:
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
-            stands = getattr(self._state, "stands", None)
+            stands = self._state.stands
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             self._begin = self._t
@@ -696,9 +624,8 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
             hint="make_controller(..., dt=...), in a scenario controller.dt.",
         )
     if (facts.compensation is None) is not (controller.compensation is None):
-        adds = "adds" if facts.compensation is not None else "does not add"
         raise InputError(
-            f"the arm {adds} its gravity torque by itself, and the controller does not know.",
+            "only one of arm and controller knows that the arm adds its gravity torque by itself.",
             where=facts.name,
             hint='make_controller(..., compensated="nominal") for an arm that adds it, in a '
             "scenario controller.compensated; without it for one that does not.",

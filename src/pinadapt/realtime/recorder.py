@@ -34,10 +34,10 @@ import numpy as np
 from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
-from ..exceptions import InputError, LogError, PinadaptError
+from ..exceptions import InputError, LogError
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from ..robot.changes import Payload
-from .arm import MAIN, end_process, start_process
+from .processes import MAIN, end_process, start_process
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
@@ -60,10 +60,14 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-_DEFINITIONS = {
-    "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
-    f"float64[] velocity\nfloat64[] effort\n{_HEADER}",
-    "std_msgs/msg/String": "string data\n",
+# Topic -> kind and definition of its messages, beside that of the cycles
+_TOPICS = {
+    "/joint_states": (
+        "sensor_msgs/msg/JointState",
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+        f"float64[] effort\n{_HEADER}",
+    ),
+    "/pinadapt/events": ("std_msgs/msg/String", "string data\n"),
 }
 Translator = Callable[[Any, Measurement], Any]
 
@@ -192,8 +196,7 @@ class Recorder:
             return
         row = self._ring[self._count % len(self._ring)]
         for name in row.dtype.names or ():
-            value = cycle.get(name)
-            row[name] = math.nan if value is None else value
+            row[name] = cycle.get(name)  # None is NaN there
         self._count += 1
         self._counts[0] = self._count
 
@@ -263,19 +266,14 @@ class _LogProcess:
         self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._channels = {}
-        for topic, kind in {
-            "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
-            "/joint_states": "sensor_msgs/msg/JointState",
-            "/pinadapt/events": "std_msgs/msg/String",
-        }.items():
-            text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
+        cycle = "pinadapt_msgs/msg/Cycle", _definition(self._ring.dtype)
+        for topic, (kind, text) in {"/pinadapt/cycle": cycle, **_TOPICS}.items():
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
-            channel = self._writer.register_channel(topic, "cdr", schema, about)
-            self._channels[topic] = channel
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, about)
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited: list[Any] = [self._link, *([] if self._server is None else [self._server])]
+        waited: list[Any] = [self._link, self._server] if self._server else [self._link]
         said: dict[str, Any] | None = {}
         while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]
@@ -494,8 +492,6 @@ class CycleLog:
                 ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
-            if "/pinadapt/cycle" not in found:
-                raise LogError("has no cycle of a loop.", where=str(path))
             file.seek(-len(_MAGIC), os.SEEK_END)
             whole = file.read() == _MAGIC
             fields = [
@@ -525,12 +521,10 @@ class CycleLog:
             controller: the one that was run, or another one for the same arm.
 
         Raises:
-            LogError: the log belongs to another arm.
-            PinadaptError: the controller refuses a sample.
+            LogError: the log does not contain the start of the loop.
+            PinadaptError: the controller refuses a sample, as of another arm, or the estimates that
+                the loop started from.
         """
-        kinematics, n = controller.kinematics, self.cycles.v.shape[1]
-        if (n, self.cycles.q.shape[1]) != (kinematics.nv, kinematics.nq):
-            raise LogError(f"has {n} joints; the controller is for {kinematics.nv}.", where="log")
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
@@ -548,10 +542,7 @@ class CycleLog:
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
-                try:
-                    state = controller.init(m, **start)
-                except PinadaptError:  # other unknowns: from its own estimates
-                    state = controller.init(m)
+                state = controller.init(m, **start)
             state = state.adapt(bool(row["adapting"]))
             state = state.gave(None if np.isnan(given).any() else given)
             torque, state = controller.step(state, m, desired, float(begun["period"]))

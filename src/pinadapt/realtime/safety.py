@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive
+from .._checks import joint_numbers, numbers, positive
 from ..controller.controller import Controller
 from ..controller.governor import explained_age
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError
 from ..records import Measurement
 from .arm import ArmFacts
+from .recorder import Phase
 
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
@@ -44,15 +44,6 @@ _FAR = "coordinate {coordinate} is {value:.3g} m or rad off, limit {limit:.3g}"
 _PUSHING = "{joint} stays at its limit; brakes, or a heavy load?"
 
 
-class SafetyAction(IntEnum):
-    """Responses to a finding, the mildest first."""
-
-    REST = 1  # the adaptation rests, the arm goes on
-    HOLD = 2  # the path stops, then as DAMP
-    DAMP = 3  # gravity compensation and damping until the arm rests, then as STOP
-    STOP = 4  # the arm's own stop, at once
-
-
 @dataclass(frozen=True)
 class SafetyFinding:
     """What one check found.
@@ -60,12 +51,13 @@ class SafetyFinding:
     Attributes:
         check: its name.
         words: what is wrong, with numbers.
-        action: the response.
+        phase: in which the loop goes on: RUNNING, where the adaptation alone rests; HOLDING, where
+            the path stops; DAMPING, until the arm rests; STOPPED, by the arm's own stop at once.
     """
 
     check: str
     words: str
-    action: SafetyAction
+    phase: Phase
 
     def __str__(self) -> str:
         """Return name and words."""
@@ -117,8 +109,7 @@ class Safety:
             value = getattr(self, part.name)
             if part.name not in ("torque_rate", "box") and value is not None:
                 positive(value, f"safety.{part.name}")
-        if not (numbers(self.torque_rate, "safety.torque_rate", infinite=True) > 0.0).all():
-            raise InputError("must be positive.", where="safety.torque_rate")
+        joint_numbers(self.torque_rate, "safety.torque_rate", zero=False, infinite=True)
         if self.box is not None:
             box = numbers(self.box, "safety.box")
             if box.ndim != 2 or len(box) != 2 or not (box[0] < box[1]).all():
@@ -132,6 +123,7 @@ class Checklist:
 
     Attributes:
         limit: (n) torques that are sent at most [N m or N].
+        rate: (n) by which they change at most [N m/s or N/s].
         latched: why the operator's latch is set, or an empty text; nothing in the program opens it.
         residual: (n) torque that the model does not explain [N m or N], if it is watched.
     """
@@ -148,12 +140,11 @@ class Checklist:
         self.limit = np.minimum(facts.torque, effort_limits(model))
         if controller.limits.torque is not None:
             self.limit = np.minimum(self.limit, controller.limits.torque)
-        rate = numbers(safety.torque_rate, "safety.torque_rate", infinite=True)
-        self._rate = np.minimum(np.broadcast_to(rate, n), facts.torque_rate)
+        rate = joint_numbers(safety.torque_rate, "safety.torque_rate", n, infinite=True)
+        self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        if model.nq != n:  # cosines and sines
-            lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+        self._places = [joint.idx_q for joint in model.joints[1:]]
         self._lower, self._upper = lower + safety.margin, upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
@@ -190,23 +181,20 @@ class Checklist:
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
         self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
-        late = self._late >= safety.late
-        if late:
-            self._late = 0.0
         way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
-        q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
+        q = m.q[self._places]  # or a cosine, without limits
         room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
         missing = np.where(speed > STILL, way - room, 0.0)
         if self.latched:
-            return SafetyFinding("latch", self.latched, SafetyAction.DAMP)
+            return SafetyFinding("latch", self.latched, Phase.DAMPING)
         return self._first(
-            ("stale data", SafetyAction.DAMP, self._same + 1, safety.stale, _STALE),
-            ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
-            ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
-            ("late", SafetyAction.HOLD, late, False, _LATE),
-            ("commands", SafetyAction.HOLD, 1.0 - received, _LOST, _DROPPED),
-            ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
-            ("joint stop", SafetyAction.DAMP, missing, 0.0, _STOP),
+            ("stale data", Phase.DAMPING, self._same + 1, safety.stale, _STALE),
+            ("clock", Phase.DAMPING, -dt, 0.0, "the time jumped back by {value:.3g} s"),
+            ("late", Phase.DAMPING, periods, 10.0, _GAP),
+            ("velocity", Phase.DAMPING, speed, self._fast, _FAST),
+            ("joint stop", Phase.DAMPING, missing, 0.0, _STOP),
+            ("late", Phase.HOLDING, self._late >= safety.late, False, _LATE),
+            ("commands", Phase.HOLDING, 1.0 - received, _LOST, _DROPPED),
         )
 
     def of_motion(
@@ -245,22 +233,22 @@ class Checklist:
             p = x[: self._task.positions]
             outside = np.maximum(self._box[0] - p, p - self._box[1])
         return self._first(
-            ("contact", SafetyAction.DAMP, residual, self._contact, _CONTACT),
-            ("workspace", SafetyAction.DAMP, outside, False, _OUTSIDE),
-            ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
-            ("torque", SafetyAction.HOLD, pushing, False, _PUSHING),
-            ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
-            ("contact", SafetyAction.REST, residual, 0.5 * self._contact, _CONTACT),
+            ("contact", Phase.DAMPING, residual, self._contact, _CONTACT),
+            ("workspace", Phase.DAMPING, outside, False, _OUTSIDE),
+            ("error", Phase.DAMPING, np.abs(dx), self._far, _FAR),
+            ("torque", Phase.HOLDING, pushing, False, _PUSHING),
+            ("camera", Phase.HOLDING, frame_age, self._blind, "no frame for {value:.2g} s"),
+            ("contact", Phase.RUNNING, residual, 0.5 * self._contact, _CONTACT),
         )
 
-    def _first(self, *checks: tuple[str, SafetyAction, Any, Any, str]) -> SafetyFinding | None:
+    def _first(self, *checks: tuple[str, Phase, Any, Any, str]) -> SafetyFinding | None:
         """Return the first finding: of a check whose value, or one of them, is beyond its limit.
 
         Args:
-            checks: name, response, value or values, limit or limits, and words with ``value`` and
+            checks: name, phase, value or values, limit or limits, and words with ``value`` and
                 ``limit``, the ``joint``, or the number of the ``coordinate``.
         """
-        for check, action, value, limit, words in checks:
+        for check, phase, value, limit, words in checks:
             beyond = value > limit
             if beyond if beyond.__class__ is bool else beyond.any():
                 k = int(np.argmax(beyond))
@@ -270,12 +258,8 @@ class Checklist:
                     joint=self._joints[min(k, len(self._joints) - 1)],
                     coordinate=k + 1,
                 )
-                return SafetyFinding(check, text, action)
+                return SafetyFinding(check, text, phase)
         return None
-
-    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> np.ndarray:
-        """Return a torque (n) within its limits of size and change [N m or N]."""
-        return limited_torque(torque, self.limit, before, self._rate * dt)
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
@@ -290,15 +274,13 @@ class Checklist:
         return np.clip(-self._mean, -0.5 * self.limit, 0.5 * self.limit)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a limit beyond the largest float is none
+@np.errstate(over="ignore")  # a limit beyond the largest float is none
 def limited_torque(
     torque: np.ndarray, limit: np.ndarray, before: np.ndarray, change: np.ndarray
 ) -> np.ndarray:
-    """Return a torque within its limits and, inside them, within a change of the last; all (n).
+    """Return a finite torque within its limits and, inside them, within a change of the last.
 
-    NaN becomes 0, and a last torque that is NaN limits no change.
+    All are of n joints.
     """
-    x = np.where(np.isnan(torque), 0.0, torque)
-    last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
-    near = np.fmin(np.fmax(x, last - change), last + change)  # NaN, of two infinities, is no bound
-    return np.clip(near, -limit, limit)
+    last = np.clip(before, -limit, limit)
+    return np.clip(np.clip(torque, last - change, last + change), -limit, limit)

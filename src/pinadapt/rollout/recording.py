@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -117,10 +117,7 @@ class Slowdown(NamedTuple):
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
     paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-    return tuple(
-        Slowdown(start, end, cause, min(path.rate for path in own))
-        for start, end, cause, own in _episodes(paths, lambda path: path.rate < 0.99)
-    )
+    return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
 
 
 class Shortfall(NamedTuple):
@@ -141,21 +138,26 @@ class Shortfall(NamedTuple):
 def shortfalls(samples: Sequence[Sample]) -> tuple[Shortfall, ...]:
     """Return the intervals in which the torque was infeasible, in order."""
     missed = [(sample.state.t, sample.state.missed) for sample in samples]
-    return tuple(
-        Shortfall(start, end, cause, max(each.size for each in own))
-        for start, end, cause, own in _episodes(missed, lambda each: each.size > 0.0)
-    )
+    return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
 
 
 def _episodes(
-    timed: Sequence[tuple[float, Any]], acts: Callable[[Any], bool]
-) -> Iterator[tuple[float, float, str, tuple[Any, ...]]]:
-    """Yield first and last time, most frequent cause and records of each run of those that act."""
-    for acting, own in groupby(timed, key=lambda each: acts(each[1])):
-        if acting:
-            times, part = zip(*own, strict=True)
-            ((cause, _),) = Counter(each.cause for each in part).most_common(1)
-            yield times[0], times[-1], cause, part
+    kind: Any, extreme: Callable[[Any], float], listed: Sequence[tuple[float, bool, str, float]]
+) -> tuple[Any, ...]:
+    """Return records of a kind: start, end, most frequent cause, and extreme number of each run.
+
+    Args:
+        kind: of record.
+        extreme: of some numbers.
+        listed: time [s], whether something acts, its cause and a number, of each sample.
+    """
+    found = []
+    for acts, own in groupby(listed, key=lambda each: each[1]):
+        t, _, causes, numbers = zip(*own, strict=True)
+        if acts:
+            ((cause, _),) = Counter(causes).most_common(1)
+            found.append(kind(t[0], t[-1], cause, extreme(numbers)))
+    return tuple(found)
 
 
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
@@ -230,6 +232,11 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
 
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
+
+# Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
+# that is taken as its extent: half or twice of them, and half or twice as large errors follow.
+ACCURATE, ROUGH, TURN = 0.02, 0.2, 0.2
+FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
 
 
 class Transient(NamedTuple):
@@ -351,6 +358,27 @@ class Recording:
     def window(self, first: bool) -> np.ndarray:
         """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""
         return window(self.distance, first)
+
+    @property
+    def error_share(self) -> float | None:
+        """Largest error of the last 10 % relative to the path's extent; None for a point."""
+        error = extreme(np.max, self.window(False))
+        return error / self.extent if error is not None and self.extent else None
+
+    @property
+    def grade(self) -> str:
+        """The verdict in a few words: of the position, or the orientation if that is worse."""
+        if self.diverged is not None:
+            return f"diverged at {self.diverged:.3f} s"
+        if self.interrupted is not None:
+            return f"interrupted at {self.interrupted:.3f} s"
+        errors = self.distance / (self.extent or CLOSE / ACCURATE)
+        if self.angle is not None:
+            errors = np.maximum(errors, self.angle / TURN)
+        worst = extreme(np.max, window(errors, False))
+        if worst is None:
+            return "no finite error"
+        return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
     @property
     def transients(self) -> list[Transient]:
@@ -509,15 +537,6 @@ class Recording:
         """
         run = self.evaluated()
         return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
-
-    @cached_property
-    def disturbance_noise(self) -> np.ndarray | None:
-        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
-
-        None where there is no disturbance, or no period.
-        """
-        controller = self.evaluated().controller
-        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
 
     @cached_property
     def limits(self) -> LimitExcess:

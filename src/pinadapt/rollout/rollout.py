@@ -49,16 +49,6 @@ class Rollout(Recording):
     """
 
     @property
-    def error_share(self) -> float | None:
-        """Largest error of the last 10 % relative to the path's extent; None for a point."""
-        return summary.error_share(self)
-
-    @property
-    def grade(self) -> str:
-        """The verdict in a few words: follows, or not, or when it diverged."""
-        return summary.grade(self)
-
-    @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, ringing."""
         return str(self.numbers["verdict"])
@@ -101,7 +91,9 @@ class Rollout(Recording):
         Raises:
             InputError: the files are missing, broken, or of another version of pinadapt.
         """
-        return summary.load(Path(folder), cls)
+        run = object.__new__(cls)
+        vars(run).update(summary.load(Path(folder)))
+        return run
 
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw error, parameters and torque.
@@ -117,18 +109,15 @@ class Rollout(Recording):
 
         return Figures.of(self) if folder is None else draw_all(self, Path(folder))
 
-    def animate(self, *, frames_per_second: float = 30.0) -> Animation:
+    def animate(self) -> Animation:
         """Return the run as an animated page, which shows itself in Jupyter.
 
-        Args:
-            frames_per_second: of the animation, at most one per sample.
-
         Raises:
-            InputError: frames_per_second is not positive, or the rollout was loaded.
+            InputError: the rollout was loaded.
         """
         from ..view.page import animation_of
 
-        return animation_of(self, frames_per_second=frames_per_second)
+        return animation_of(self)
 
     def learned(self, *, all_estimates: bool = False) -> Robot:
         """Return the model with the last estimates as a robot; see ``Controller.learned``.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,16 +20,23 @@ from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
-from .recording import CLOSE, Recording, Ringing, Shortfall, Slowdown, extreme, window
-
-Run = TypeVar("Run", bound=Recording)
+from .recording import (
+    CLOSE,
+    FOLLOWS,
+    Recording,
+    Ringing,
+    Shortfall,
+    Slowdown,
+    extreme,
+    window,
+)
 
 Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance"),
     *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
@@ -49,7 +56,7 @@ def summary(run: Recording) -> Numbers:
         prediction = {**asdict(found), **shares}
     numbers = {
         "verdict": "",  # follows from the others
-        "error_share": error_share(run),
+        "error_share": run.error_share,
         **{name: getattr(run, name) for name in _NAMED},
         "task": run.task.name,
         "nv": run.v.shape[1],
@@ -129,9 +136,6 @@ def sheet(run: Recording, numbers: Numbers) -> Report:
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
-    bridged = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
-    if bridged:
-        rows.append(("samples bridged by prediction", ", ".join(bridged)))
     return Report(run.title, [Table(rows)])
 
 
@@ -179,12 +183,11 @@ def save(run: Recording, numbers: Callable[[], Numbers], folder: Path) -> None:
     write_json(folder / "summary.json", numbers())
 
 
-def load(folder: Path, kind: type[Run]) -> Run:
-    """Return the run that ``save`` wrote into a folder, with its numbers and without its robots.
+def load(folder: Path) -> dict[str, Any]:
+    """Return the fields of a run that ``save`` wrote into a folder; it has no robots.
 
     Args:
         folder: that has ``rollout.npz`` and ``summary.json``; or one of the two.
-        kind: the class of the run.
 
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
@@ -192,21 +195,20 @@ def load(folder: Path, kind: type[Run]) -> Run:
     folder = folder.parent if folder.is_file() else folder
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
-        fields = {**{name: numbers[name] for name in _NAMED}, **kept}
+        ringing = numbers["ringing"]
+        fields = {name: numbers[name] for name in _NAMED} | numbers["recorded"]
         lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
-        vars(run).update(
+        return {
             **fields | lists,
             **{name: file.get(name) for name in RECORDED + COMPUTED},
-            numbers=numbers,
-            ringing=None if ringing is None else Ringing(**ringing),
-            bridged=Bridged(**numbers["bridged"]),
-            slowed=tuple(Slowdown(**row) for row in numbers["slowed"]),
-            infeasible=tuple(Shortfall(**row) for row in numbers["infeasible"]),
-            evaluation=None,
-            task=_task(numbers, file["x"].shape[1]),
-        )
-        return run
+            "numbers": numbers,
+            "ringing": ringing and Ringing(**ringing),
+            "bridged": Bridged(**numbers["bridged"]),
+            "slowed": tuple(Slowdown(**row) for row in numbers["slowed"]),
+            "infeasible": tuple(Shortfall(**row) for row in numbers["infeasible"]),
+            "evaluation": None,
+            "task": _task(numbers, file["x"].shape[1]),
+        }
 
 
 def _task(numbers: Numbers, coordinates: int) -> Task:
@@ -222,36 +224,9 @@ def _task(numbers: Numbers, coordinates: int) -> Task:
     return JointTask(name, *map(tuple, parts))
 
 
-# The outcome in one line: accuracy, limits exceeded
-
-# Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
-# that is taken as its extent: half or twice of them, and half or twice as large errors follow.
-ACCURATE, ROUGH, TURN = 0.02, 0.2, 0.2
 # Error relative to that without adaptation, above which it hardly helps; half or twice: fewer or
 # more robots of the zoo do.
 BETTER = 0.2
-FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
-
-
-def error_share(run: Recording) -> float | None:
-    """Return the largest error of the last 10 % relative to the path's extent; None for a point."""
-    error = extreme(np.max, window(run.distance, False))
-    return error / run.extent if error is not None and run.extent else None
-
-
-def grade(run: Recording) -> str:
-    """Return the verdict in a few words: of the position, or the orientation if that is worse."""
-    if run.diverged is not None:
-        return f"diverged at {run.diverged:.3f} s"
-    if run.interrupted is not None:
-        return f"interrupted at {run.interrupted:.3f} s"
-    errors = run.distance / (run.extent or CLOSE / ACCURATE)
-    if run.angle is not None:
-        errors = np.maximum(errors, run.angle / TURN)
-    worst = extreme(np.max, window(errors, False))
-    if worst is None:
-        return "no finite error"
-    return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
 def _verdict(run: Recording, numbers: Numbers) -> str:
@@ -267,11 +242,11 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     if found is not None and run.diverged is None:
         shares = percent(found["share_last"]), percent(found["share_first"])
         parts.append("torques predicted to {}, at first {}".format(*shares))
-    if numbers["saturated"] and grade(run) != FOLLOWS:
+    if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:
         parts.append(ringing_words(run.ringing, run.law))
-    return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
+    return f"{run.grade}: {'; '.join(part for part in parts if part)}."
 
 
 def _longest(episodes: Sequence[Slowdown | Shortfall]) -> str:

@@ -70,17 +70,10 @@ class Engine:
             flag(getattr(self, name), f"engine.{name}")
         if self.torque_limits is not None:
             flag(self.torque_limits, "engine.torque_limits")
-        real = self.actuators is not None and not self.actuators.ideal
-        if self.ideal_acceleration and (self.torque_limits or real):
+        if self.ideal_acceleration and self.torque_limits:
             raise InputError(
-                "is that of a torque which is there at once and not clipped; leave out "
-                "torque_limits and actuators.",
+                "is that of a torque that is not clipped; leave out torque_limits.",
                 where="engine.ideal_acceleration",
-            )
-        if self.continuous and real:
-            raise InputError(
-                "late motors and elastic joints are simulated in samples only.",
-                where="engine.continuous",
             )
 
     @classmethod
@@ -110,8 +103,8 @@ class Engine:
         """Return the plant of a true robot.
 
         Raises:
-            InputError: a plant that cannot be integrated as one equation with the controller, or as
-                the plant's class.
+            InputError: a plant that cannot be integrated as one equation with the controller: late
+                motors, elastic joints, MuJoCo; or as the plant's class.
         """
         plant = self.maker()(
             true,
@@ -119,12 +112,13 @@ class Engine:
             compensation=controller.compensation,
             substeps=self.substeps,
         )
-        if not isinstance(plant, PinocchioPlant) and (self.continuous or self.ideal_acceleration):
+        plain = isinstance(plant, PinocchioPlant) and plant.actuators.ideal
+        if not plain and (self.continuous or self.ideal_acceleration):
             raise InputError(
-                f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
-                "integrated as one with the controller's, and give the ideal acceleration.",
+                "only Pinocchio's equations, of ideal actuators, can be integrated as one with the "
+                "controller's, and give the ideal acceleration.",
                 where=f"engine.{'continuous' if self.continuous else 'ideal_acceleration'}",
-                hint='Leave it out, or take plant = "pinocchio".',
+                hint='Leave it out, or take plant = "pinocchio" without actuators.',
             )
         return plant
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import count
 from time import perf_counter
 from typing import Any
@@ -168,12 +169,13 @@ def run(
             desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 _, command = controller.command(state, measurement, desired)
-                a = simulated.acceleration(command.torque, command.feedthrough)
+                caused = command.torque, command.feedthrough
+                a = simulated.acceleration_at(truth.q, truth.v, *caused)
                 measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
-        except PinadaptError as error:
+        except (PinadaptError, np.linalg.LinAlgError) as error:
             _bring_to_rest(plant, controller, state, measurement, dt)
             raise ended(error, truth.t) from error
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
@@ -261,8 +263,14 @@ def run_continuous(
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
     """
-    trajectory = usable_trajectory(controller, trajectory, duration)
-    loop = _Loop(plant, controller, trajectory, ideal_acceleration, state, events or Events())
+    trajectory, q = usable_trajectory(controller, trajectory, duration), plant.robot.q0
+    if state is None:
+        state = controller.init(plant.measurement(q, np.zeros(plant.nv)))
+    if state.start is not None:  # samples are what it waits for
+        path = None if controller.limits.governor is None else PathTime()
+        state = state._replace(start=None, path=path)
+    events = events or Events()
+    loop = _Loop(plant, controller, trajectory, ideal_acceleration, events, q, state)
     y = np.concatenate([np.zeros(2 * plant.nv), loop.state.flat()])  # at home, at rest
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):
         t = k * dt
@@ -281,33 +289,28 @@ def run_continuous(
         y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), t, (k + 1) * dt)
 
 
+@dataclass
 class _Loop:
     """The right-hand side dy/dt for y = (displacement from q, v, controller state).
 
     Attributes:
-        measurement, desired, state, torque: as the last evaluation had them.
+        plant, controller, trajectory, ideal, events: as of ``run_continuous``.
+        q: (nq) from which the displacement counts.
+        state, measurement, desired, torque: as the last evaluation had them.
+        cause: of the path's rate at the evaluation before.
     """
 
-    def __init__(
-        self,
-        plant: PinocchioPlant,
-        controller: Controller,
-        trajectory: Trajectory,
-        ideal_acceleration: bool,
-        state: ControllerState | None,
-        events: Events,
-    ) -> None:
-        self._plant, self._controller, self._trajectory = plant, controller, trajectory
-        self._ideal, self._events = ideal_acceleration, events
-        self._q = plant.robot.q0
-        self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
-        self.state = controller.init(self.measurement) if state is None else state
-        if self.state.start is not None:  # samples are what it waits for
-            path = None if controller.limits.governor is None else PathTime()
-            self.state = self.state._replace(start=None, path=path)
-        self._cause = ""
-        self.desired: Desired
-        self.torque: np.ndarray
+    plant: PinocchioPlant
+    controller: Controller
+    trajectory: Trajectory
+    ideal: bool
+    events: Events
+    q: np.ndarray
+    state: ControllerState
+    cause: str = ""
+    measurement: Measurement = field(init=False)
+    desired: Desired = field(init=False)
+    torque: np.ndarray = field(init=False)
 
     def rebased(self, y: np.ndarray, before: float, now: float) -> np.ndarray:
         """Move q by the displacement in y and return y without it, after the events of a step.
@@ -319,16 +322,16 @@ class _Loop:
         Raises:
             DivergedError: the joints move too fast.
         """
-        n = self._plant.nv
+        n = self.plant.nv
         v = y[n : 2 * n]
         if not v.dot(v) < ABSURD**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", now)
-        self._q = self._plant.integrate(self._q, y[:n])
+        self.q = self.plant.integrate(self.q, y[:n])
         state = self.state.with_flat(y[2 * n :])
-        kept = self._controller.adaptation_d.project(state.dynamic, self._q)
+        kept = self.controller.adaptation_d.project(state.dynamic, self.q)
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic.with_value(kept))
-        self.state = self._events.happen(self._plant, self._controller, state, before, now)
+        self.state = self.events.happen(self.plant, self.controller, state, before, now)
         return np.concatenate([np.zeros(n), v, self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
@@ -337,17 +340,17 @@ class _Loop:
         Raises:
             InputError: the desired motion is not finite.
         """
-        plant, controller, n = self._plant, self._controller, self._plant.nv
-        q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
+        plant, controller, n = self.plant, self.controller, self.plant.nv
+        q, v = plant.integrate(self.q, y[:n]), y[n : 2 * n]
         self.state = state = self.state.with_flat(y[2 * n :])
         if state.path is not None:
-            self.state = state._replace(path=state.path._replace(cause=self._cause))
+            self.state = state._replace(path=state.path._replace(cause=self.cause))
         self.measurement = plant.measurement(q, v, t)
-        self.desired = controller.desired(self.state, self._trajectory, t)
+        self.desired = controller.desired(self.state, self.trajectory, t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         signals, command = controller.command(self.state, self.measurement, self.desired)
-        needed = self._ideal and controller.law.uses_acceleration
+        needed = self.ideal and controller.law.uses_acceleration
         if needed:
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
             tau, drives = controller.respond(self.state, signals.replaced(a=a))
@@ -358,5 +361,5 @@ class _Loop:
             a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         if rate.path is not None:
-            self._cause = rate.path.cause
+            self.cause = rate.path.cause
         return np.concatenate([v, a, rate.flat()])

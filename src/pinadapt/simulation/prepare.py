@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, mapping, vector, word
+from .._checks import arithmetic, mapping, word
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
-from ..exceptions import InputError, ParameterError
+from ..exceptions import InputError
 from ..laws import DEFAULT
 from ..plants.plant import SimulatedPlant
 from ..records import Sensors
@@ -29,31 +29,31 @@ _START = ("a_k", "a_d", "information", "information_k")
 def prepare(
     plant: SimulatedPlant,
     controller: Controller,
-    trajectory: TrajectoryLike,
-    start: LearnedParameters | Mapping[str, ArrayLike | None] | None = None,
-    duration: float | None = None,
+    start: LearnedParameters | Mapping[str, ArrayLike | None] | None,
 ) -> ControllerState:
-    """Return the controller's initial state; check that plant, controller and motion match.
+    """Return the controller's initial state; check that it fits the plant.
 
     Args:
         plant: to be driven.
         controller: that drives it.
-        trajectory: the desired motion.
         start: initial estimates, as in ``simulate``.
-        duration: of the run [s]; None for a run without end.
 
     Raises:
-        InputError: they do not, or the initial estimates cannot be used.
+        InputError: it does not, or the initial estimates cannot be used.
     """
-    _check_same_shape(plant.robot, controller)
-    usable_trajectory(controller, trajectory, duration)
+    true, own = plant.robot, controller.kinematics
+    ours = true.joint_names, true.frames, true.task.name
+    theirs = own.joint_names, own.robot.frames, own.task.name
+    if ours != theirs:
+        raise InputError(
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
-    given: dict[str, Any] = dict(mapping(start, "start"))
-    for name, value in given.items():
+    given: Any = mapping(start, "start")
+    for name in given:
         word(name, _START, "start")
-        if name in ("a_k", "a_d") and value is not None:
-            given[name] = vector(value, None, f"start.{name}", error=ParameterError)
     return controller.init(plant.measure(), **given)
 
 
@@ -116,14 +116,3 @@ def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
         return True
     last = motion.at(60.0 if duration is None else duration)
     return max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6
-
-
-def _check_same_shape(true: Robot, controller: Controller) -> None:
-    kinematics = controller.kinematics
-    ours = (true.joint_names, true.frames, true.task.name)
-    theirs = (kinematics.joint_names, kinematics.robot.frames, kinematics.task.name)
-    if ours != theirs:
-        raise InputError(
-            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
-            hint="Make both from the same load(), the true one by .changed().",
-        )

@@ -157,7 +157,7 @@ def simulate(
     if named and not controller.kinematics.calibrated:
         found = wiggled(plant, controller, dt, simulated)
         start = {**found, **given, "a_k": found["a_k"]}
-    state = prepare(plant, controller, trajectory, start, duration)
+    state = prepare(plant, controller, start)
     believed = controller.kinematics.seen(state.a_k)
     if not believed.constraints:
         trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
@@ -165,6 +165,7 @@ def simulate(
     events.check(controller, state)
     options: dict[str, Any] = {
         "dt": dt,
+        "duration": duration,
         "state": state,
         "events": events if events.changes or events.announcements else None,
         "ideal_acceleration": engine.ideal_acceleration,

@@ -39,9 +39,8 @@ from threadpoolctl import threadpool_limits
 from .._checks import mapping, whole
 from .._output import Record, check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
-from ..rollout.recording import extreme
+from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.rollout import Rollout
-from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
 from .cases import COPY, Case, Plan

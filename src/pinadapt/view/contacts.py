@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -20,21 +20,13 @@ from .drawing import Colour, Keyframes, Node, overlay, rod
 HIDDEN = 1e-4  # scale of what is too small to be seen; half or twice: neither is
 
 
-def chosen_forces(
-    controller: Controller, samples: Sequence[Sample], frames: Iterable[int] = (0,)
-) -> np.ndarray:
+def chosen_forces(controller: Controller, samples: Sequence[Sample]) -> np.ndarray:
     """Return the forces and torques (N, c, 6) that a controller chose, see ``contact_forces``.
 
     Zero at a sample that it had to bridge, and at one without a torque, whose state is not its own.
-
-    Args:
-        controller: the controller.
-        samples: N of them; for none the row of one is returned.
-        frames: those that are asked for; the others are zero.
     """
-    found = np.zeros((max(len(samples), 1), len(controller.kinematics.robot.contacts), 6))
-    for k in frames if samples and found.size else ():
-        s = samples[k]
+    found = np.zeros((len(samples), len(controller.kinematics.robot.contacts), 6))
+    for k, s in enumerate(samples if found.size else ()):
         if np.isfinite(s.torque).all():
             with suppress(ImplausibleError):
                 found[k] = controller.contact_forces(s.state, s.measurement, s.desired)

@@ -15,13 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..controller.controller import Controller
-from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .contacts import chosen_forces
 from .drawing import Window
 from .page import page
-from .scene import Scene
+from .scene import RATE, Scene
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -38,7 +36,6 @@ def open_in_browser(address: str) -> bool:
 # [s] for a browser to come, or to read the last messages; half: a slow one misses start and end,
 # twice: a hung one delays the program
 _PATIENCE = 5.0
-_RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
 class Server(ThreadingHTTPServer):
@@ -150,15 +147,12 @@ class LiveView:
             title: of the page.
         """
         self._started: float | None = None
-        self._controller = controller
         self._next = 0.0
         self._last: Sample | None = None
-        self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
-        t, q, kinematics = np.linspace(0.0, duration, 600), true.q0[None], controller.kinematics
+        t, q = np.linspace(0.0, duration, 600), true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
-        self._scene = Scene(Succession.of(true, changes), kinematics, t, q, x_d, t[:1])
-        self._scene.curves(t[:1], x_d[:1], x_d[:1], np.asarray(kinematics.initial)[None])
+        self._scene = Scene(Succession.of(true, changes), controller, t, q, x_d, t[:1])
         html = page(self._scene, title or true.name, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url
@@ -168,35 +162,21 @@ class LiveView:
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
-        try:
-            for sample in samples:
-                self._last = sample
-                if sample.t >= self._next:
-                    self.show(sample)
-                yield sample
-        except (Exception, KeyboardInterrupt) as error:
-            self._end = "the run has stopped"
-            if isinstance(error, DivergedError):
-                self._end = f"diverged at {error.time:.2f} s"
-            raise
-
-    def show(self, sample: Sample) -> None:
-        """Show one sample; wait until its time has come."""
-        now = perf_counter()
-        if self._started is None:
-            self._started = now - sample.t
-        sleep(max(0.0, self._started + sample.t - now))
-        self._next = sample.t + 1.0 / _RATE
-        self._draw(sample)
+        for sample in samples:
+            self._last = sample
+            if sample.t >= self._next:
+                now = perf_counter()
+                if self._started is None:
+                    self._started = now - sample.t
+                sleep(max(0.0, self._started + sample.t - now))
+                self._next = sample.t + 1.0 / RATE
+                self._draw(sample)
+            yield sample
 
     def _draw(self, sample: Sample) -> None:
-        q, a_k = sample.truth.q, sample.state.a_k
-        if not (np.isfinite(q).all() and np.isfinite(a_k).all()):
+        if not (np.isfinite(sample.truth.q).all() and np.isfinite(sample.state.a_k).all()):
             return
-        assert sample.truth.x is not None  # perfect sensors see the task
-        forces = chosen_forces(self._controller, [sample])[0]
-        moment = sample.t, q, sample.truth.x, sample.desired.x_d, a_k, forces
-        self._traced += [*self._scene.show(*(np.array([part]) for part in moment))]
+        self._traced += [*self._scene.show([sample])]
         first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
         piece = np.array(self._traced[first:])
         self._scene.add_traces(f"true/{first}", piece)
@@ -205,7 +185,7 @@ class LiveView:
         """Show the last sample and stop the server; open pages stay as they are."""
         if self._last is not None:
             self._draw(self._last)
-        self._scene.window.note("end", end=self._end)
+        self._scene.window.note("end", end="the run has ended")
         self._server.close()
 
     def __enter__(self) -> LiveView:

@@ -16,11 +16,9 @@ from typing import Any
 import meshcat
 import numpy as np
 
-from .._checks import positive
 from .._output import write_text
-from .contacts import chosen_forces
 from .drawing import ghost
-from .scene import Scene
+from .scene import RATE, Scene
 
 
 def page(
@@ -107,7 +105,7 @@ class Animation:
         return f"<Animation of {len(self.html) / 1e6:.1f} MB, .save(path) writes it>"
 
 
-def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
+def animation_of(rollout: Any) -> Animation:
     """Return the animation of a rollout; with fewer than two samples it does not move.
 
     The true robot moves along ``rollout.q``. The estimated robot is a ghost at the same q, with the
@@ -115,25 +113,20 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
 
     Args:
         rollout: the ``Rollout``, whose class imports this module.
-        frames_per_second: of the animation; there is at most one frame per sample.
 
     Raises:
-        InputError: frames_per_second is not positive, or the rollout has no robots.
+        InputError: the rollout has no robots.
     """
-    rate, run = positive(frames_per_second, "frames_per_second"), rollout.evaluated()
-    robots, kinematics = run.true, run.controller.kinematics
-    true = robots.robots[0]
-    t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
+    run = rollout.evaluated()
+    t, q, x_d, true = rollout.t, rollout.q, rollout.x_d, run.true.robots[0]
     if not len(t):  # it diverged at once
-        here = true.position(true.q0)
-        first = (0.0, true.q0, here, here, kinematics.initial)
-        t, q, x, x_d, a_k = (np.array([each]) for each in first)
+        t, q, x_d = np.zeros(1), true.q0[None], true.position(true.q0)[None]
     line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
-    wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
+    wanted = int(np.clip(np.ceil((t[-1] - t[0]) * RATE), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
-    scene = Scene(robots, kinematics, t[line], q[line], x_d[line], t[frames])
-    forces = chosen_forces(run.controller, run.samples, frames)
-    scene.show(*(part[frames] for part in (t, q, x, x_d, a_k, forces)))
+    scene = Scene(run.true, run.controller, t[line], q[line], x_d[line], t[frames])
+    if run.samples:
+        scene.show([run.samples[k] for k in frames])
     if len(line) > 1:
         for node in scene.add_traces("true", scene.traced):
             scene.window.note(("reveal", node.path), reveal=node.path.lower())

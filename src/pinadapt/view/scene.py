@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import meshcat
@@ -10,12 +11,14 @@ import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
 from scipy.spatial.transform import Rotation
 
+from ..controller.controller import Controller
+from ..controller.state import Sample
 from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.several_frames import FramesTask
-from .contacts import HIDDEN, DrawnContacts
+from .contacts import HIDDEN, DrawnContacts, chosen_forces
 from .drawing import (
     Colour,
     Keyframes,
@@ -28,6 +31,8 @@ from .drawing import (
     solid,
     tube,
 )
+
+RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
 class ChainMotion(NamedTuple):
@@ -141,6 +146,7 @@ class DrawnRobot:
         node: the robot's root in the scene.
         robot: the robot.
         size: length of the scene that thicknesses are multiplied by [m].
+        loads: number of a robot in the succession, and the node of its loads at a joint.
     """
 
     def __init__(self, node: Node, robot: Robot, size: float, tip: Material) -> None:
@@ -156,6 +162,7 @@ class DrawnRobot:
         ends = [robot.model.frames[frame_id(robot.model, name)] for name in robot.frames]
         self.carriers = [int(end.parentJoint) for end in ends]
         self._rods: list[tuple[Node, int, int]] = []
+        self.loads: list[tuple[int, Node]] = []
         self._tips = [node[_numbered("tip", k)] for k in range(len(ends))]
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
@@ -182,16 +189,14 @@ class DrawnRobot:
                 self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
-    def loads(self, number: int) -> dict[int, Node]:
-        """Return the nodes of the loads of the robot of this number in the succession, by joint."""
-        return {joint: self.node[f"joint {joint}"][f"load {number}"] for joint in self.carriers}
-
     def add_loads(self, number: int, robot: Robot) -> None:
-        """Draw each load of a robot as a ball of steel of the same mass."""
+        """Draw each load of the robot of this number in the succession as a ball of steel."""
         for k, (joint, load) in enumerate(robot.loads):
-            ball, volume = self.loads(number)[joint][f"{k}"], load.mass / 7850.0  # [m^3]
-            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, Colour.LOAD))
-            ball.set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            node = self.node[f"joint {joint}"][f"load {number}"]
+            radius = float(np.cbrt(0.75 / np.pi * load.mass / 7850.0))  # of steel [kg/m^3]
+            node[f"{k}"].set_object(Sphere(radius), ghost(0.6, Colour.LOAD))
+            node[f"{k}"].set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            self.loads.append((number, node))
 
 
 def _numbered(name: str, k: int) -> str:
@@ -214,16 +219,15 @@ class Scene:
         viewpoint: where it is seen from, see the function of this name.
         size: half the larger side of the picture [m].
         robots: the true robot, and what it changes to.
-        kinematics: of the estimated robot.
+        controller: that estimates.
         poses: moves the nodes.
         traced: (L, k, 3) paths of the true tips [m].
-        units: of the curves that were noted, by label.
     """
 
     def __init__(
         self,
         robots: Succession,
-        kinematics: TaskKinematics,
+        controller: Controller,
         t: np.ndarray,
         q: np.ndarray,
         x_d: np.ndarray,
@@ -233,7 +237,7 @@ class Scene:
 
         Args:
             robots: the true robot, and what it changes to.
-            kinematics: of the estimated robot.
+            controller: that estimates.
             t: (L) times of the run [s].
             q: (L, nq) configurations that must be in the picture, or (1, nq) the first.
             x_d: (L, .) desired task coordinates.
@@ -241,7 +245,7 @@ class Scene:
         """
         self.window, self.poses = Window(), Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
-        self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
+        self.robots, self.controller, true = robots, controller, robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
         way = path.reshape(-1, 3)
@@ -250,7 +254,8 @@ class Scene:
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
         self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
         self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
-        self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
+        estimated = controller.kinematics.robot
+        self._ghost = DrawnRobot(self.root["estimated"], estimated, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
@@ -263,6 +268,10 @@ class Scene:
         for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
             self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
             node.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
+        kinematics = controller.kinematics
+        values = [kinematics.value(robot) for robot in robots.robots]
+        known = kinematics.calibrated and all(value is not None for value in values)
+        self._truths = values if known and kinematics.size else []
         self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
 
     @property
@@ -277,64 +286,45 @@ class Scene:
             legend |= {"chosen contact force": Colour.FORCE, "friction cone": Colour.CONE}
         return legend | ({"load": Colour.LOAD} if any(r.loads for r in self.robots.robots) else {})
 
-    def show(
-        self,
-        t: np.ndarray,
-        q: np.ndarray,
-        x: np.ndarray,
-        x_d: np.ndarray,
-        a_k: np.ndarray,
-        forces: np.ndarray,
-    ) -> np.ndarray:
-        """Move everything to F moments, note the curves, and return the true tips (F, k, 3) [m].
-
-        Args:
-            t: (F) time [s].
-            q: (F, nq) configurations.
-            x: (F, .) true task coordinates.
-            x_d: (F, .) desired ones.
-            a_k: (F, p) estimates.
-            forces: (F, c, 6) of the contacts, see ``chosen_forces``.
-        """
-        kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
+    def show(self, samples: Sequence[Sample]) -> np.ndarray:
+        """Move everything to F samples, note the curves, and return the true tips (F, k, 3) [m]."""
+        kinematics, poses, robots = self.controller.kinematics, self.poses, self.robots.robots
+        rows = [(s.t, s.truth.q, s.desired.x_d, s.state.a_k) for s in samples]
+        t, q, x_d, a_k = (np.array(each) for each in zip(*rows, strict=True))
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
-        self._contacts.place(motion.joints, forces, poses)
+        self._contacts.place(motion.joints, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
         desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
         still = np.zeros((len(t), 3))
-        for number in range(len(robots)):
-            carrying = self.robots.index(t)[:, None] == number
-            scale = np.where(carrying, still + 1.0, HIDDEN)
-            for node in self._solid.loads(number).values():
-                poses.move(node, still, None, scale)
-        for moment, *values in zip(
-            t.round(4).tolist(), *self.curves(t, x, x_d, a_k).values(), strict=True
-        ):
+        for number, node in self._solid.loads:
+            carried = self.robots.index(t)[:, None] == number
+            poses.move(node, still, None, np.where(carried, still + 1.0, HIDDEN))
+        for sample in samples:
+            moment, values = round(sample.t, 4), self._reading(sample)
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
             self.window.note(("reading", moment), reading={"t": moment, "values": read})
         return motion.tips
 
-    def curves(
-        self, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
-    ) -> dict[str, np.ndarray]:
-        """Return the errors (F) of task and estimated translations, by label."""
-        robots, kinematics, curves = self.robots.robots, self.kinematics, dict[str, np.ndarray]()
-        task, self.units = robots[0].task, dict[str, str]()
-        error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
-        for group in task.groups:
-            label = f"{group.name} error"
-            self.units[label], scale = group.shown
-            curves[label] = scale * np.linalg.norm(error[:, group.rows], axis=1)
-        truths = [kinematics.value(robot) for robot in robots]
-        known = all(truth is not None for truth in truths)
-        if known and kinematics.size and kinematics.calibrated:
-            off = np.linalg.norm(a_k - np.array(truths)[self.robots.index(t)], axis=1)
-            label = "error of tool and length estimates"
-            self.units[label], curves[label] = "mm", 1e3 * off
-        return curves
+    @property
+    def units(self) -> dict[str, str]:
+        """Label -> unit of each curve: errors of the task, and of estimated translations."""
+        groups = self.robots.robots[0].task.groups
+        units = {f"{group.name} error": group.shown.unit for group in groups}
+        return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
+
+    def _reading(self, sample: Sample) -> list[float]:
+        """Return the values of the curves at a sample."""
+        task = self.robots.robots[0].task
+        assert sample.truth.x is not None  # perfect sensors see the task
+        error = task.error(sample.truth.x, sample.desired.x_d)
+        parts = [group.shown.scale * error[group.rows] for group in task.groups]
+        if self._truths:
+            truth = self._truths[int(self.robots.index(sample.t))]
+            parts.append(1e3 * (sample.state.a_k - truth))
+        return [float(np.linalg.norm(part)) for part in parts]
 
     def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
@@ -350,10 +340,9 @@ class Scene:
 
     def _surroundings(self, floor: float) -> None:
         """Draw a floor at this height [m], and the background."""
-        spacing = 10.0 ** np.floor(np.log10(0.5 * self.size))
-        grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # of lines that are 0.5 m apart
-        grid[2, 3] = floor
-        self.root["/Grid"].set_transform(grid)
+        self.root["/Grid"].set_transform(
+            pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
+        )
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):

@@ -28,10 +28,10 @@ from ..robot.motors import overloaded
 from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
-from ..rollout.recording import extreme
+from ..rollout.recording import ACCURATE, extreme
+from ..rollout.recording import TURN as SWING
 from ..rollout.rollout import Rollout
-from ..rollout.summary import ACCURATE, BETTER
-from ..rollout.summary import TURN as SWING
+from ..rollout.summary import BETTER
 from ..scenario.template import FRICTION
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
