@@ -15,9 +15,8 @@ encoders follow a circle for 6 s at 500 Hz with default gains, tool or whole geo
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -27,12 +26,11 @@ import pinadapt as pa
 from pinadapt.description.chain import configuration_from_angles
 from pinadapt.identification import calibrate
 
-from .timing import markdown
+from .shared import COUNT, Row, grouped, markdown, rms, spread
 
 TURN, SHIFT, OFFSET = np.radians(2.0), 2e-3, np.radians(1.0)
 SLIDE_OFFSET = 1e-3  # m
 WIDTH, SLIDE_WIDTH = 1.5, 0.1  # rad and m, from home
-STEP = 2.0 * np.pi / 2**17  # rad, of an encoder
 NOISE, TURN_NOISE = (1e-4, 3e-4), 1e-3  # m, rad
 FRAMES = (200, 400)
 DURATION, PERIOD = 6.0, 2e-3  # s, of a circle
@@ -108,33 +106,21 @@ def measure(robot: str, frames: str, number: int) -> dict[str, Any]:
     real, slides = wrong_arm(described, rng), np.array(list(described.slides.values()))
     offsets = np.where(slides, SLIDE_OFFSET, OFFSET) * rng.choice([-1.0, 1.0], len(slides))
     noise, count = rng.uniform(*NOISE), int(rng.integers(*FRAMES))
-    step = np.where(slides, STEP * SLIDE_WIDTH, STEP)
+    step = COUNT[17] * np.where(slides, SLIDE_WIDTH, 1.0)
     angles = np.round(random_angles(described, rng, count) / step) * step
     anywhere = frames != "position"
     tracker = pin.SE3(pin.exp3(rng.uniform(-2.0, 2.0, 3)), rng.uniform(-1.0, 1.0, 3))
-    log = measured(
-        real,
-        angles,
-        rng,
-        noise=noise,
-        offsets=offsets,
-        pose=anywhere,
-        tracker=tracker if anywhere else None,
-    )
+    place = tracker if anywhere else None
+    log = measured(real, angles, rng, noise=noise, offsets=offsets, pose=anywhere, tracker=place)
     found = calibrate(log, described, tracker=anywhere)
     others = random_angles(described, rng, 200)
-    truth = measured(real, others, rng, offsets=offsets)
-    assert truth.x is not None
+    true = measured(real, others, rng, offsets=offsets, tracker=place).x
     seen = measured(found.robot, others, rng, tracker=found.tracker).x
-    assert seen is not None
-    true = truth.x @ tracker.rotation.T + tracker.translation if anywhere else truth.x
+    assert true is not None and seen is not None
     return {
         "before": 1e3 * found.before.position,
         "after": 1e3 * found.after.position,
-        "noise": 1e3 * float(np.sqrt(3.0)) * noise,
-        "true": 1e3 * _rms(true - seen),
-        "told": len(found.combinations),
-        "numbers": len(found.names),
+        "true": 1e3 * rms(np.linalg.norm(true - seen, axis=1)),
     }
 
 
@@ -148,36 +134,17 @@ def follow(robot: str, unknown: str, number: int) -> dict[str, Any]:
     )
     circle = pa.reachable_circle(described).starting_at(real.position(real.q0))
     run = pa.simulate(real, controller, circle, duration=DURATION, progress=False)
-    kinematics, ends = controller.kinematics, run.t > 0.9 * DURATION
-    left = []
-    for a_k, q, v, x in zip(run.a_k[ends], run.q[ends], run.v[ends], run.x[ends], strict=True):
-        kinematics.update(a_k, q, v)
-        left.append(np.linalg.norm(kinematics.x_hat - x))
-    return {
-        "largest": 1e3 * float(run.distance.max()),
-        "last": 1e3 * float(run.distance[ends].max()),
-        "predicted": 1e3 * float(np.max(left)),
-    }
+    return {"last": 1e3 * float(run.distance[run.t > 0.9 * DURATION].max())}
 
 
-def _rms(distances: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum(distances**2, axis=1))))
-
-
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
+def report(rows: Iterable[Row]) -> str:
     """Return a table in Markdown: median / largest error of the arms of all types, in mm."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(row["frames"], []).append(row)
-    keys = ("before", "after", "true")
-    lines = [[frames, len(own), *_spread(own, keys)] for frames, own in groups.items()]
-    head = ["frames", "arms", "described", "calibrated", "true error"]
-    return markdown(head, lines)
-
-
-def _spread(rows: list[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
-    """Return median / largest of some rows."""
-    return [
-        f"{median(row[key] for row in rows):.2g} / {max(row[key] for row in rows):.2g}"
-        for key in keys
+    lines = [
+        [
+            frames,
+            len(own),
+            *(spread(row[key] for row in own) for key in ("before", "after", "true")),
+        ]
+        for frames, own in grouped(rows, "frames").items()
     ]
+    return markdown(["frames", "arms", "described", "calibrated", "true error"], lines)

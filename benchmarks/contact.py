@@ -1,15 +1,14 @@
 """Pushes on the tool of an arm that carries a load: which are detected as contact, and how soon.
 
-``python -m benchmarks.contact [ROBOT...]``: the default controller at 500 Hz, with a
-camera and encoders of 17 bits, learns a load, a tool and friction on a circle of 5 cm. Then, for
-each force along and against each axis of the base, it follows the circle again, from what it has
-learned, and the force begins to act on the tool. The loop is that of ``pinadapt drive``, with the
-numbers of the checklist as they are.
+``python -m benchmarks.contact``: the default controller at 500 Hz, with a camera and encoders of 17
+bits, learns a load, a tool and friction on a circle of 5 cm. Then, for each force along and against
+each axis of the base, it follows the circle again, from what it has learned, and the force begins
+to act on the tool. The loop is that of ``pinadapt drive``, with the numbers of the checklist as
+they are.
 """
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,8 @@ import pinocchio as pin
 
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, RealtimeLoop, Safety, Scheduling
+
+from .shared import COUNT
 
 ROBOTS = ("panda", "ur5", "kinova", "z1")
 FORCES = (10.0, 20.0, 30.0, 50.0, 100.0)  # [N]
@@ -50,61 +51,32 @@ class PushedArm(PlantArm):
         """Keep what the loop says."""
         self.heard.append((self._count * PERIOD, words))
 
-    def first(self, words: str) -> tuple[int | None, str]:
-        """Return what the loop first said that begins so, and how long after the force [ms]."""
-        for t, said in self.heard:
-            if said.startswith(words) and not said.endswith("the path rests"):
-                return round(1e3 * (t - BEGIN)), said.removeprefix(words)
-        return None, ""
+    def damped_after(self) -> int | None:
+        """Return how long after the force the loop damped the arm [ms]; None: it did not."""
+        times = [t for t, words in self.heard if words.startswith("damping: ")]
+        return round(1e3 * (times[0] - BEGIN)) if times else None
 
 
-class Carrier:
-    """A robot that carries a load, and what has been learned of it."""
+def pushed(name: str) -> None:
+    """Measure, and print of six directions of a force in how many it was found, and how soon."""
+    robot, load = pa.load(name), pa.Payload(1.0, [0.02, 0.0, 0.06])
+    tool = [0.02, -0.01, 0.05]
+    true = robot.changed(payload=load, tool_translation=tool, viscous=0.5, coulomb=0.3)
+    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=COUNT[17])
+    controller = pa.make_controller(
+        robot, unknown=pa.Unknown(tool=True), sensors=sensors, dt=PERIOD
+    )
+    circle = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
 
-    def __init__(self, name: str) -> None:
-        """Take the name of the robot; nothing is learned yet."""
-        self.name, robot = name, pa.load(name)
-        load = pa.Payload(1.0, [0.02, 0.0, 0.06])
-        tool = [0.02, -0.01, 0.05]
-        self.true = robot.changed(payload=load, tool_translation=tool, viscous=0.5, coulomb=0.3)
-        camera = pa.Camera(rate=30.0, delay=0.05)
-        self.sensors = pa.Sensors(camera=camera, encoder=2.0 * np.pi / 2**17)
-        unknown = pa.Unknown(tool=True)
-        self.controller = pa.make_controller(
-            robot, unknown=unknown, sensors=self.sensors, dt=PERIOD
-        )
-        self.circle = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
-        self.start: dict[str, Any] = {}
-
-    def row(self, force: np.ndarray) -> dict[str, Any]:
-        """Return what a force (3) [N] leads to."""
-        arm, _ = self.run(force, END)
-        stopped, why = arm.first("damping: ")
-        rested, _ = arm.first("the adaptation rests: contact")
-        return {
-            "robot": self.name,
-            "force": force.tolist(),
-            "stopped_ms": stopped,
-            "check": why.partition(":")[0],
-            "rested_ms": rested,
-        }
-
-    def learn(self) -> None:
-        """Learn without a force; later runs start from the estimates."""
-        _, loop = self.run(np.zeros(3), LEARNED)
-        state = loop.result.state
-        assert state is not None and not loop.result.failed, loop.result
-        self.start = {"a_k": state.a_k, "a_d": state.a_d}
-
-    def run(self, force: np.ndarray, seconds: float) -> tuple[PushedArm, RealtimeLoop]:
-        """Return arm and loop after a run with a force (3) [N]."""
-        arm = PushedArm(self.true, self.sensors, force)
+    def run(force: np.ndarray, seconds: float, start: dict[str, Any]) -> tuple[PushedArm, Any]:
+        """Return arm and result of a run with a force (3) [N]."""
+        arm = PushedArm(true, sensors, force)
         loop = RealtimeLoop(
             arm,
-            self.controller,
-            self.circle,
+            controller,
+            circle,
             stage="adapt",
-            start=self.start,
+            start=start,
             safety=Safety(),
             recorder=None,
             scheduling=Scheduling(None, None, False),
@@ -112,20 +84,18 @@ class Carrier:
         )
         with arm:
             loop.run(seconds)
-        return arm, loop
+        return arm, loop.result
 
-
-def main() -> None:
-    """Measure, and print of six directions of a force in how many it was found, and how soon."""
-    for name in sys.argv[1:] or ROBOTS:
-        carrier = Carrier(name)
-        carrier.learn()
-        for force in FORCES:
-            pushes = np.vstack([force * np.eye(3), -force * np.eye(3)])
-            rows = [carrier.row(push) for push in pushes]
-            times = [row["stopped_ms"] for row in rows if row["stopped_ms"] is not None]
-            print(f"{name}, {force:g} N: {len(times)} of {len(rows)}, after {times} ms", flush=True)
+    _, learned = run(np.zeros(3), LEARNED, {})
+    assert learned.state is not None and not learned.failed, learned
+    start = {"a_k": learned.state.a_k, "a_d": learned.state.a_d}
+    for force in FORCES:
+        pushes = np.vstack([force * np.eye(3), -force * np.eye(3)])
+        ends = [run(push, END, start)[0].damped_after() for push in pushes]
+        times = [end for end in ends if end is not None]
+        print(f"{name}, {force:g} N: {len(times)} of {len(ends)}, after {times} ms", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    for name in ROBOTS:
+        pushed(name)

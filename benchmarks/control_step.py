@@ -1,7 +1,7 @@
 """The time of a control step relative to the Pinocchio calls that its law needs.
 
-``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
-parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
+``python -m benchmarks.control_step`` times law (11), kinematics and every inertial parameter
+adapted, on three robots, and the default law, separation, on the Panda with the joints'
 coefficients known and adapted, all under natural adaptation; and robots that stand, with the trunk
 adapted, whose step also solves a quadratic program for the contact forces. The last row is the
 default, with its memory of all torques, beside natural adaptation of the same parameters. The floor
@@ -19,10 +19,8 @@ each counted as often as it occurs.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,8 +28,8 @@ import pinocchio as pin
 
 import pinadapt as pa
 
+from .shared import HERE, in_turn, save
 from .standing import ROBOTS, UNKNOWN, standing
-from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
 LAW, DEFAULT = "adaptive-inverse-dynamics", "separation"
@@ -44,41 +42,30 @@ CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and 
     "a1_standing": ("a1", DEFAULT, False),
     "talos_standing": ("talos", DEFAULT, False),
 }
-MEMORY = "panda_memory"
 ROUNDS, DT = 3000, 1e-3
-Call = Callable[[], object]
 
 
-def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robot, pa.Controller]:
+def controller(name: str, law: str, joints: bool) -> tuple[pa.Robot, pa.Controller]:
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
     if name in ROBOTS:
         robot = standing(name)
         return robot, pa.make_controller(robot, law=law, unknown=UNKNOWN)
-    robot = pa.load(name)
-    if name != "planar_2r":
-        unknown = pa.Unknown(tool=True, friction=joints, armature=joints)
-        return robot, pa.make_controller(robot, law=law, adaptation="natural", unknown=unknown)
-    basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
-    return robot, pa.make_controller(
-        robot,
-        law=law,
-        unknown=pa.Unknown(
-            lengths=True,
-            basis=basis,
-            lmi=pa.adaptation.MatrixInequality.from_file(PLANAR / "lmi.csv"),
-        ),
-    )
+    robot, unknown = pa.load(name), pa.Unknown(tool=True, friction=joints, armature=joints)
+    if name == "planar_2r":
+        basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
+        lmi = pa.adaptation.MatrixInequality.from_file(PLANAR / "lmi.csv")
+        unknown = pa.Unknown(lengths=True, basis=basis, lmi=lmi)
+    return robot, pa.make_controller(robot, law=law, adaptation="natural", unknown=unknown)
 
 
-def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW) -> dict[str, Call]:
+def floor_calls(
+    robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str
+) -> dict[str, Callable[[], object]]:
     """Return the calls by name, in order."""
     model, data = robot.model.copy(), robot.model.createData()
-    zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
-    inertias, tens = (
-        model.inertias,
-        [inertia.toDynamicParameters() for inertia in model.inertias[1:]],
-    )
-    aligned = pin.LOCAL_WORLD_ALIGNED
+    zero, frame, axes = np.zeros(model.nv), robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    inertias = model.inertias
+    tens = [inertia.toDynamicParameters() for inertia in inertias[1:]]
 
     def write_inertias() -> None:
         for joint, ten in enumerate(tens, 1):
@@ -87,81 +74,67 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW) -
     def regressor() -> np.ndarray:
         return pin.computeJointTorqueRegressor(model, data, q, v, v)
 
-    first: dict[str, Call] = {
+    def acceleration() -> object:
+        return pin.getFrameClassicalAcceleration(model, data, frame, axes)
+
+    calls: dict[str, Callable[[], object]] = {
         "forwardKinematics(q, v, 0)": lambda: pin.forwardKinematics(model, data, q, v, zero),
         "computeJointJacobians": lambda: pin.computeJointJacobians(model, data),
-        "getFrameJacobian": lambda: pin.getFrameJacobian(model, data, frame, aligned),
-        "getFrameClassicalAcceleration": lambda: pin.getFrameClassicalAcceleration(
-            model, data, frame, aligned
-        ),
-        f"model.inertias[i] = Inertia.FromDynamicParameters x {n}": write_inertias,
-    }
-    if law == DEFAULT:
-        for contact in robot.contacts:
-            foot = model.getFrameId(contact.frame)
-            first[f"getFrameJacobian, {contact.frame}"] = partial(
-                pin.getFrameJacobian, model, data, foot, aligned
-            )
-            first[f"getFrameJacobianTimeVariation, {contact.frame}"] = partial(
-                pin.getFrameJacobianTimeVariation, model, data, foot, aligned
-            )
-        return {
-            **first,
-            "computeJointJacobiansTimeVariation": lambda: pin.computeJointJacobiansTimeVariation(
-                model, data, q, v
-            ),
-            "getFrameJacobianTimeVariation": lambda: pin.getFrameJacobianTimeVariation(
-                model, data, frame, aligned
-            ),
-            "computeJointTorqueRegressor": regressor,
-            "computeJointTorqueRegressor again": regressor,
-            "crba": lambda: pin.crba(model, data, q),  # K_D is bounded by the mass matrix
-        }
-    return {
-        **first,
-        "rnea": lambda: pin.rnea(model, data, q, v, v),
+        "getFrameJacobian": lambda: pin.getFrameJacobian(model, data, frame, axes),
+        "getFrameClassicalAcceleration": acceleration,
+        f"model.inertias[i] = Inertia.FromDynamicParameters x {model.nv}": write_inertias,
         "crba": lambda: pin.crba(model, data, q),
         "computeJointTorqueRegressor": regressor,
     }
+    if law == LAW:
+        return calls | {"rnea": lambda: pin.rnea(model, data, q, v, v)}
+    for name in (contact.frame for contact in robot.contacts):
+        foot = model, data, model.getFrameId(name), axes
+        calls[f"getFrameJacobian, {name}"] = partial(pin.getFrameJacobian, *foot)
+        variation = partial(pin.getFrameJacobianTimeVariation, *foot)
+        calls[f"getFrameJacobianTimeVariation, {name}"] = variation
+    variation = partial(pin.getFrameJacobianTimeVariation, model, data, frame, axes)
+    return calls | {
+        "computeJointJacobiansTimeVariation": lambda: pin.computeJointJacobiansTimeVariation(
+            model, data, q, v
+        ),
+        "getFrameJacobianTimeVariation": variation,
+        "computeJointTorqueRegressor again": regressor,
+    }
 
 
-def run(calls: list[Call]) -> Callable[[], None]:
-    """Return a function that makes all calls."""
-
-    def sequence() -> None:
-        for call in calls:
-            call()
-
-    return sequence
+def sizes(name: str, control: pa.Controller) -> dict[str, Any]:
+    """Return how many parameters a controller adapts."""
+    kinematic, dynamic = control.kinematics.size, control.dynamics.size
+    return {"name": name, "law": control.law.name, "parameters": kinematic + dynamic}
 
 
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one case."""
     robot, control = controller(*CASES[name])
     plant, rng = pa.plants.PinocchioPlant(robot), np.random.default_rng(0)
-    v = 0.3 * rng.standard_normal(plant.nv) if not robot.contacts else np.zeros(plant.nv)
-    measurement = plant.measurement(robot.q0, v)
+    v = 0.3 * rng.standard_normal(plant.nv) * (not robot.contacts)
     circle = pa.trajectories.Circle(np.zeros(3 if robot.contacts else robot.task.size), 0.1, 3.0)
     path: pa.trajectories.Trajectory = circle
     if robot.contacts:
         path = pa.trajectories.PoseTrajectory(circle, None).from_rest()
     desired = path.starting_at(robot.position(robot.q0)).at(0.1)
+    measurement = plant.measurement(robot.q0, v)
     first = control.step(control.init(measurement), measurement, desired, DT)[1]
     state = first._replace(sensed=first.sensed._replace(first=None))
     later = plant.measurement(plant.integrate(robot.q0, DT * v), v, DT)
     calls = floor_calls(robot, robot.q0, v, control.law.name)
-    times = in_turn(
-        {
-            "step": run([lambda: control.step(state, later, desired, DT)]),
-            "floor": run([*calls.values()]),
-        },
-        ROUNDS // 10 if robot.contacts else ROUNDS,
-    )
-    return {
-        "name": name,
-        "law": control.law.name,
-        "kinematic": control.kinematics.size,
-        "dynamic": control.dynamics.size,
+
+    def step() -> None:
+        control.step(state, later, desired, DT)
+
+    def floor() -> None:
+        for call in calls.values():
+            call()
+
+    rounds = ROUNDS // 10 if robot.contacts else ROUNDS
+    times = in_turn({"step": step, "floor": floor}, rounds)
+    return sizes(name, control) | {
         "step_us": 1e6 * float(np.median(times["step"])),
         "floor_us": 1e6 * float(np.median(times["floor"])),
         "ratio": float(np.median(times["step"] / times["floor"])),
@@ -173,8 +146,7 @@ def measure_memory() -> dict[str, Any]:
     """Return the figures of the default beside natural adaptation, both along a circle."""
     robot = pa.load("panda")
     true = robot.changed(viscous=1.0, coulomb=0.5)
-    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0)
-    path = circle.starting_at(robot.position(robot.q0))
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0).starting_at(robot.position(robot.q0))
     controllers = [pa.make_controller(robot, adaptation=name, dt=DT) for name in ("natural", None)]
     loops = [pa.run(pa.plants.PinocchioPlant(true), each, path, dt=DT) for each in controllers]
     seen: list[Any] = []  # memories of ``CompositeMemory``
@@ -195,43 +167,22 @@ def measure_memory() -> dict[str, Any]:
     usual, share = float(np.median(times["natural"])), float(np.mean(solves))
     between, solving = (float(np.median(times["memory"][kind])) for kind in (~solves, solves))
     mean = share * solving + (1.0 - share) * between
-    return {
-        "name": MEMORY,
-        "law": controllers[1].law.name,
-        "kinematic": controllers[1].kinematics.size,
-        "dynamic": controllers[1].dynamics.size,
+    return sizes("panda_memory", controllers[1]) | {
         "natural_us": 1e6 * usual,
         "step_us": 1e6 * between,
         "solving_us": 1e6 * solving,
         "solving_share": share,
         "mean_us": 1e6 * mean,
-        "median_ratio": between / usual,
         "mean_ratio": mean / usual,
     }
 
 
 def main() -> None:
-    """Print the figures with the previous ones, and save them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "control_step.json")
-    path = parser.parse_args().save
-    before = saved(path)
+    """Print the figures, and save them."""
     rows = [measure(name) for name in CASES]
-    for row in rows:
-        size, was = row["kinematic"] + row["dynamic"], before.get(row["name"], {}).get("ratio")
-        print(
-            f"{row['name']:23} {size:4d} parameters, step {row['step_us']:.1f} us, floor "
-            f"{row['floor_us']:.1f} us, ratio {row['ratio']:.2f} (was {was})"
-        )
     for law, calls in {row["law"]: row["floor_calls"] for row in rows}.items():
         print(f"floor of {law}: " + ", ".join(calls))
-    row = measure_memory()
-    print(
-        f"{row['name']:23} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} us median, "
-        f"{row['mean_us']:.1f} us mean: {row['median_ratio']:.2f} and {row['mean_ratio']:.2f} of "
-        f"natural's {row['natural_us']:.1f} us"
-    )
-    save(path, [*rows, row])
+    save("control_step", [*rows, measure_memory()])
 
 
 if __name__ == "__main__":

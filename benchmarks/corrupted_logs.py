@@ -10,15 +10,19 @@ mistake was not.
 from __future__ import annotations
 
 import sys
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
-from benchmarks.real_logs import chosen_logs
 from pinadapt.identification import check_torques
+
+from .real_logs import logs_of
+from .shared import quiet
 
 OTHERS = {"panda": "xarm7", "ur10": "z1", "tx40": "z1", "tiago": "xarm7"}
 SMALLER = {"ur10": "ur5"}  # of the same kind
@@ -27,12 +31,11 @@ GEAR, REPEATED = 100.0, 0.2
 Case = tuple[pa.Log, pa.Robot]
 
 
+@quiet()
 def checked(log: pa.Log, robot: pa.Robot) -> tuple[bool, str]:
     """Return whether a log is accepted, and what is said about it."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            check = check_torques(pa.read_log(log, robot), robot)
+        check = check_torques(pa.read_log(log, robot), robot)
     except pa.LogError as error:
         return False, str(error)
     return check.fits, check.verdict
@@ -45,46 +48,42 @@ def hung(robot: pa.Robot, gravity: tuple[float, float, float]) -> pa.Robot:
     return replace(robot, model=model)
 
 
-def scaled(log: pa.Log, q: np.ndarray | float = 1.0, tau: np.ndarray | float = 1.0) -> pa.Log:
-    """Return a log with positions and velocities, and torques, times factors (n)."""
-    v = None if log.v is None else log.v * q
-    return replace(log, q=log.q * q, v=v, tau=log.tau * tau)
+def motion(log: pa.Log, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """Return changed positions and velocities (N, n) of a log."""
+    return {"q": change(log.q), "v": None if log.v is None else change(log.v)}
 
 
-def ordered(log: pa.Log, order: Sequence[int], *, motion: bool = True) -> pa.Log:
-    """Return a log with its torques, and its motion, in another order of the joints."""
-    log = replace(log, tau=log.tau[:, order])
-    if not motion:
-        return log
-    return replace(log, q=log.q[:, order], v=None if log.v is None else log.v[:, order])
+def ordered(log: pa.Log, order: Sequence[int]) -> pa.Log:
+    """Return a log with torques and motion in another order of the joints, or of some of them."""
+    return replace(log, tau=log.tau[:, order], **motion(log, lambda x: x[:, order]))
 
 
 def rows(log: pa.Log, kept: np.ndarray) -> pa.Log:
     """Return a log with other samples."""
-    v = None if log.v is None else log.v[kept]
-    return replace(log, t=log.t[kept], q=log.q[kept], v=v, tau=log.tau[kept])
-
-
-def without(log: pa.Log, joint: int) -> pa.Log:
-    """Return a log without one of the joints."""
-    kept = [j for j in range(log.tau.shape[1]) if j != joint]
-    return replace(ordered(log, kept), joints=())
+    return replace(log, t=log.t[kept], tau=log.tau[kept], **motion(log, lambda x: x[kept]))
 
 
 def mistakes(log: pa.Log, robot: pa.Robot, *others: pa.Robot) -> Iterator[tuple[str, Case]]:
     """Yield the name of each mistake, and log and robot with it."""
     n, rng, names = robot.model.nv, np.random.default_rng(0), robot.joint_names
     signs = 1.0 - 2.0 * np.eye(n)
-    yield "amperes", (scaled(log, tau=0.1), robot)
-    yield "amperes of unlike motors", (scaled(log, tau=rng.uniform(0.05, 0.2, n)), robot)
-    yield "torques before the gear", (scaled(log, tau=1.0 / GEAR), robot)
-    yield "positions before the gear", (scaled(log, q=GEAR), robot)
-    yield "degrees", (scaled(log, q=np.degrees(1.0)), robot)
-    yield "all signs of the torque", (scaled(log, tau=-1.0), robot)
-    for j in range(4):
-        yield f"sign of the torque, {names[j]}", (scaled(log, tau=signs[j]), robot)
-    for j in range(1, 4):
-        yield f"sign of the position, {names[j]}", (scaled(log, q=signs[j]), robot)
+    torques = {
+        "amperes": 0.1,
+        "amperes of unlike motors": rng.uniform(0.05, 0.2, n),
+        "torques before the gear": 1.0 / GEAR,
+        "all signs of the torque": -1.0,
+        **{f"sign of the torque, {names[j]}": signs[j] for j in range(4)},
+        "a torque not recorded": 1.0 - np.eye(n)[1],
+    }
+    for what, factors in torques.items():
+        yield what, (replace(log, tau=log.tau * factors), robot)
+    motions = {
+        "positions before the gear": GEAR,
+        "degrees": np.degrees(1.0),
+        **{f"sign of the position, {names[j]}": signs[j] for j in range(1, 4)},
+    }
+    for what, factors in motions.items():
+        yield what, (replace(log, **motion(log, partial(np.multiply, factors))), robot)
     yield "described on a wall", (log, hung(robot, (9.81, 0.0, 0.0)))
     yield "described on another wall", (log, hung(robot, (0.0, -9.81, 0.0)))
     yield "described upside down", (log, hung(robot, (0.0, 0.0, 9.81)))
@@ -96,26 +95,26 @@ def mistakes(log: pa.Log, robot: pa.Robot, *others: pa.Robot) -> Iterator[tuple[
         order = [*range(j), j + 1, j, *range(j + 2, n)]
         pair = " and ".join(names[j : j + 2])
         yield f"{pair} swapped", (ordered(log, order), robot)
-        yield f"torques of {pair} swapped", (ordered(log, order, motion=False), robot)
+        yield f"torques of {pair} swapped", (replace(log, tau=log.tau[:, order]), robot)
     yield "joints from the last to the first", (ordered(log, range(n)[::-1]), robot)
     samples = np.arange(len(log.t))
     chosen = rng.uniform(size=len(samples)) < REPEATED
     late = replace(rows(log, np.maximum(samples - chosen, 0)), t=log.t)
     yield "samples repeated at new times", (late, robot)
     yield "samples twice", (rows(log, np.sort(np.append(samples, samples[chosen]))), robot)
-    yield "a torque not recorded", (scaled(log, tau=1.0 - np.eye(n)[1]), robot)
-    yield "a joint missing", (without(log, 1), robot)
+    missing = ordered(log, [j for j in range(n) if j != 1])
+    yield "a joint missing", (replace(missing, joints=()), robot)
     for other in others:
         yield f"another robot, {other.name}", (replace(log, joints=()), other)
 
 
 def main() -> int:
     """Print the tables; return the exit status."""
-    warnings.simplefilter("ignore")
     wrong = 0
-    for name, file, robot in chosen_logs(__doc__):
-        log = pa.read_log(file, robot)
-        check = check_torques(log, robot)
+    for name, file, robot in logs_of(Path(sys.argv[1])):
+        with quiet():
+            log = pa.read_log(file, robot)
+            check = check_torques(log, robot)
         wrong += not check.fits
         print(f"\n{check}\n")
         others = [OTHERS.get(name, "z1"), *([SMALLER[name]] if name in SMALLER else [])]

@@ -8,13 +8,10 @@ rotors, viscous and Coulomb friction, constant torques. The rest of the log is h
 
 from __future__ import annotations
 
-import os
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import product
-from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -27,7 +24,6 @@ from pinadapt.identification.logged_motion import motion_of_log
 from pinadapt.information.measured_motion import Averages
 from pinadapt.logs.import_options import ImportOptions
 from pinadapt.models.regressor import inertial_parameters
-from pinadapt.records import Measurement
 from pinadapt.tasks.task import JointTask
 from pinadapt.tuning.unknowns import nominal_dynamics
 
@@ -37,8 +33,8 @@ from .contenders.kalman_filter import kalman_filter
 from .contenders.mujoco_sysid import mujoco_sysid
 from .contenders.recursive_least_squares import recursive_least_squares
 from .identification import LOAD, with_noise
-from .real_logs import NAMES, logs_of
-from .timing import markdown, table_rows
+from .real_logs import NAMES, folder, logs_of
+from .shared import Row, grouped, markdown, quiet, table_rows
 
 SAME = pa.Unknown(friction=True, armature=True, effects=("offset",))
 HELD_OUT = 0.25
@@ -65,7 +61,7 @@ def problem(name: str) -> LearningProblem:
     """Return the problem of a real log or of a simulated motion."""
     if name in SIMULATED:
         return problem_of(*simulated(comes_and_goes=name != SIMULATED[0]))
-    ((_, file, robot),) = logs_of(Path(os.environ["REAL_LOGS"]), [name])
+    ((_, file, robot),) = logs_of(folder(), name)
     return problem_of(*log_and_robot(file, robot, ImportOptions.of(ImportOptions.beside(file))))
 
 
@@ -75,13 +71,14 @@ def simulated(*, comes_and_goes: bool) -> tuple[pa.Log, pa.Robot]:
     bare = robot.changed(viscous=0.5, coulomb=0.8, armature=0.05)
     loaded = bare.changed(payload=LOAD)
     path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.2, 0.12], [3, 4, 5], 8.0)
-    options: dict[str, Any] = {"duration": 14.0}
-    if comes_and_goes:
-        on, off, split = CARRIED
-        events = pa.Events({on: loaded, off: bare})
-        options = {"duration": split / (1.0 - HELD_OUT), "events": events}
-    true = bare if comes_and_goes else loaded
-    run = pa.simulate(true, pa.make_controller(robot), path.as_given(), **options)
+    on, off, split = CARRIED
+    run = pa.simulate(
+        bare if comes_and_goes else loaded,
+        pa.make_controller(robot),
+        path.as_given(),
+        duration=split / (1.0 - HELD_OUT) if comes_and_goes else 14.0,
+        events=pa.Events({on: loaded, off: bare}) if comes_and_goes else None,
+    )
     return replace(with_noise(run, robot), x=None, x_time=None), robot
 
 
@@ -105,7 +102,7 @@ def estimated(at: LearningProblem) -> tuple[Estimates, float]:
     """Return what the ``Estimator`` finds sample by sample, and its error."""
     motion, stops = at.motion, [CARRIED[1] - 0.02, np.inf]
     samples = [
-        Measurement(t, q, v, tau=tau)
+        pa.Measurement(t, q, v, tau=tau)
         for t, q, v, tau in zip(motion.t, motion.q, motion.v, motion.tau, strict=True)
         if t < at.split
     ]
@@ -153,17 +150,17 @@ def estimates(at: LearningProblem, contender: str) -> tuple[str, Estimates, floa
     elif contender == "extended Kalman filter":
         (noise, deviation, walk), found = best(at, kalman_filter, SPREADS)
         note = f"noise {noise:g}, deviation {deviation:g}, walk {walk:g}"
+    elif contender == "MuJoCo sysid":
+        found = mujoco_sysid(at)
+    elif contender == "identify, same model":
+        found, _ = identified(at, SAME)
     else:
-        simple: dict[str, Callable[[LearningProblem], Estimates]] = {
-            "figaroh, base parameters": figaroh_fit,
-            "figaroh, physical": lambda at: figaroh_fit(at, "physical_fit"),
-            "MuJoCo sysid": mujoco_sysid,
-            "identify, same model": lambda at: identified(at, SAME)[0],
-        }
-        found = simple[contender](at)
+        stage = "fit" if contender == "figaroh, base parameters" else "physical_fit"
+        found = figaroh_fit(at, stage)
     return note, found, at.rms(found.at(at.split))
 
 
+@quiet()
 def measure(log: str, contender: str) -> dict[str, Any]:
     """Return held-out error [N m], load [kg], bodies that are not physical, and time [s].
 
@@ -173,17 +170,14 @@ def measure(log: str, contender: str) -> dict[str, Any]:
     at = problem(log)
     row: dict[str, Any] = dict.fromkeys(["rms", "unphysical", "cpu", "load_on", "load"])
     row |= {"note": "", "bodies": at.physical.bodies, "samples": len(at.learned.t)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            row["note"], found, row["rms"] = estimates(at, contender)
-        except ValueError as error:
-            return row | {"note": str(error)}
-        except ModuleNotFoundError:
-            case = (one for one in table_rows("estimators") if one["log"] == log)
-            return next((one for one in case if one["contender"] == contender), row)
-    at_end = found.at(at.split)
-    row |= {"unphysical": at.unphysical(at_end), "cpu": found.seconds}
+    try:
+        row["note"], found, row["rms"] = estimates(at, contender)
+    except ValueError as error:
+        return row | {"note": str(error)}
+    except ModuleNotFoundError:
+        kept = grouped(table_rows("estimators"), "log", "contender").get((log, contender), [row])
+        return dict(kept[0])
+    row |= {"unphysical": at.unphysical(found.at(at.split)), "cpu": found.seconds}
     if log in SIMULATED:
         row["load"] = found.load(at, at.split)
     if log == SIMULATED[1]:
@@ -196,26 +190,23 @@ def measure(log: str, contender: str) -> dict[str, Any]:
 ONLINE = "recursive least squares", "extended Kalman filter", "Estimator"
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
     """Return errors, loads, bodies that are not physical, and times, by contender."""
-    cells, cases = [], {(row["contender"], row["log"]): row for row in rows}
-    logs = list(dict.fromkeys(row["log"] for row in rows))
-    for contender in dict.fromkeys(row["contender"] for row in rows):
-        own = [cases[contender, log] for log in logs]
+    cells, logs = [], [*grouped(rows, "log")]
+    for contender, own in grouped(rows, "contender").items():
         line = [contender]
         for row in own:
-            numbers = [row[key] for key in ("rms", "load_on", "load")]
-            numbers = [f"{number:.2f}" for number in numbers if number is not None]
-            line.append(" / ".join(numbers) or "none")
-        wrong = [row["unphysical"] or 0 for row in own]
-        line.append(f"{max(wrong)} of {own[np.argmax(wrong)]['bodies']}" if any(wrong) else "none")
-        timed = cases[contender, SIMULATED[0]]
-        if timed["cpu"] is None:
-            time = ""
-        elif contender in ONLINE:
-            time = f"{1e3 * timed['cpu'] / timed['samples']:.2g} ms a sample"
-        else:
+            numbers = [row[key] for key in ("rms", "load_on", "load") if row[key] is not None]
+            line.append(" / ".join(f"{number:.2f}" for number in numbers) or "none")
+        worst = max(own, key=lambda row: row["unphysical"] or 0)
+        wrong = worst["unphysical"]
+        line.append(f"{wrong} of {worst['bodies']}" if wrong else "none")
+        timed = own[logs.index(SIMULATED[0])]
+        time = ""
+        if timed["cpu"] is not None:
             time = f"{timed['cpu']:.2g} s"
+        if contender in ONLINE:
+            time = f"{1e3 * timed['cpu'] / timed['samples']:.2g} ms a sample"
         cells.append([*line, time])
     head = ["error [N m]", *(NAMES.get(log, log) for log in logs), "not physical", "time"]
     return markdown(head, cells)

@@ -9,7 +9,7 @@ part. ``python -m benchmarks.identification FILE`` writes the picture of ``docs/
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,11 +19,10 @@ import numpy as np
 
 import pinadapt as pa
 
-from .timing import markdown
+from .shared import COUNT, Row, markdown, rms
 
 LOAD = pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004))
 TOOL = (0.03, -0.02, 0.12)
-COUNT = 2.0 * np.pi / 2**17  # rad
 TORQUE_NOISE = 0.01  # of the effort limits
 CAMERA = 1e-4  # m
 
@@ -44,7 +43,7 @@ def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]
 def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
     """Return the log of a run with encoders of 17 bits, noisy torques, and a camera of 30 Hz."""
     rng, limits = np.random.default_rng(0), robot.model.upperEffortLimit
-    q = np.round(run.q / COUNT) * COUNT
+    q = np.round(run.q / COUNT[17]) * COUNT[17]
     tau = run.tau + TORQUE_NOISE * limits * rng.standard_normal(run.tau.shape)
     x = run.x[::33] + CAMERA * rng.standard_normal(run.x[::33].shape)
     return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source="noisy")
@@ -63,29 +62,19 @@ def identified(name: str, log: str) -> pa.Identification:
 
 
 def measure(robot: str, log: str) -> dict[str, Any]:
-    """Return the errors of the torques [N m], of the load [kg, m] and of the tool [m]."""
+    """Return the errors of the torques [N m], and of the load [kg, m]."""
     found = identified(robot, log)
     errors, load = found.torque_errors, found.payload(gain=0.0)
-    tool = pa.load(robot).changed(tool_translation=TOOL)
-    missed = found.robot.position(tool.q0) - tool.position(tool.q0)
     return {
         "described": rms(errors.described_held_out),
         "learned": rms(errors.learned_held_out),
-        "online": rms(found.online_held_out),
         "mass": load.mass,
         "mass_known_to": load.mass_known_to,
         "centre": float(np.linalg.norm(load.com - LOAD.com)),
-        "centre_known_to": float(np.linalg.norm(load.com_known_to)),
-        "tool": float(np.linalg.norm(missed)),
     }
 
 
-def rms(values: np.ndarray) -> float:
-    """Return the root mean square of all numbers."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
     """Return a table in Markdown, by robot and log."""
     cells = []
     for row in rows:

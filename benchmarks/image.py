@@ -11,19 +11,16 @@ noise of half a pixel.
 
 from __future__ import annotations
 
-import warnings
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
 
-from .timing import markdown, run_errors
+from .shared import Row, markdown, quiet
+from .uncalibrated import DURATION, PERIOD, errors, in_percent, random_of, sensors_of, spoiled
 
-DURATION, PERIOD = 8.0, 2e-3  # [s]
-TOOL, LOAD, LIGHTER = 0.05, 0.05, 0.7  # of reach, mass and inertia
 AWAY, PIXELS = 2.0, 500.0  # reaches; a reach
 
 
@@ -34,17 +31,15 @@ def camera_at(robot: pa.Robot, direction: np.ndarray) -> np.ndarray:
     return np.diag([1.0, -1.0, 1.0]) @ pa.tasks.pinhole_camera(eye, p, away)
 
 
+@quiet()
 def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
     """Return largest errors relative to the radius of the circle's picture, and in pixels."""
-    described = pa.load(robot)
-    rng = np.random.default_rng(zlib.crc32(robot.encode()))
+    described, rng = pa.load(robot), random_of(robot)
     eyes = [
         camera_at(described, np.append(rng.standard_normal(2), rng.uniform(0.3, 1.5)))
         for _ in range(cameras)
     ]
-    tool = TOOL * described.reach * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
-    load = pa.Payload(LOAD * described.mass)
-    real = described.changed(tool_translation=tool, payload=load, inertial_scale=1.0 / LIGHTER)
+    real = spoiled(described)
     circle = pa.reachable_circle(described).starting_at(real.position(real.q0))
     filmed = real.filmed_by(*eyes)
     rest, place = real.placement(real.q0), slice(0, circle.at(0.0).x_d.size)
@@ -56,42 +51,27 @@ def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
         return np.asarray(filmed.task.of(seen))  # type: ignore[attr-defined]
 
     pixel = described.reach / PIXELS
-    camera = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 0.5 * pixel})
-    believed = described.filmed_by(count=cameras)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the table has the result
-        controller = pa.make_controller(
-            believed, sensors=camera if sensors == "camera" else pa.Sensors(), dt=PERIOD
-        )
-        rollout = pa.simulate(filmed, controller, path, duration=DURATION, progress=False)
-    if rollout.diverged is not None:
-        return {
-            "largest": None,
-            "last": None,
-            "pixels": None,
-            "status": "diverged",
-            "reason": f"at {rollout.diverged} s",
-        }
-    radius, late = rollout.extent, rollout.t > 0.9 * DURATION
-    return {
-        "largest": float(rollout.distance.max() / radius),
-        "last": float(rollout.distance[late].max() / radius),
-        "pixels": float(rollout.distance[late].max() / pixel),
-    }
+    controller = pa.make_controller(
+        described.filmed_by(count=cameras), sensors=sensors_of(sensors, 0.5 * pixel), dt=PERIOD
+    )
+    rollout = pa.simulate(filmed, controller, path, duration=DURATION, progress=False)
+    found = errors(rollout, rollout.extent, DURATION)
+    if rollout.diverged is None:
+        found["pixels"] = found["last"] * rollout.extent / pixel
+    return found
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
     """Return a table in Markdown: largest error of the run, of its last tenth, and in pixels."""
     robots = list(dict.fromkeys(row["robot"] for row in rows))
-    head = ["cameras, sensors", *robots]
+    found = {(row["cameras"], row["sensors"], row["robot"]): row for row in rows}
     lines = []
-    found = {(int(row["cameras"]), row["sensors"], row["robot"]): row for row in rows}
     for cameras, sensors in dict.fromkeys(key[:2] for key in found):
         cells = [_cell(found.get((cameras, sensors, robot), {})) for robot in robots]
-        lines.append([f"{cameras}, {sensors}", *cells])
-    return markdown(head, lines)
+        lines.append([f"{cameras:g}, {sensors}", *cells])
+    return markdown(["cameras, sensors", *robots], lines)
 
 
-def _cell(row: Mapping[str, Any]) -> str:
+def _cell(row: Row) -> str:
     pixels = row.get("pixels")
-    return run_errors(row) if pixels in (None, "") else f"{run_errors(row)} ({pixels:.2g} px)"
+    return in_percent(row) if pixels is None else f"{in_percent(row)} ({pixels:.2g} px)"

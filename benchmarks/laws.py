@@ -12,7 +12,6 @@ dynamics, ``pin.aba``, timed alternately with it.
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,9 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
-from .timing import HERE, in_turn, repeated
+from .shared import CAMERA, HERE, in_turn, quiet
 
 SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
-CAMERA = pa.Camera(rate=30.0, delay=0.06)
 DURATION = 10.0  # [s]
 ROUNDS, CALLS = 3000, 16
 UNDISTURBED = 0.1  # quantile of the times that other processes do not disturb
@@ -71,13 +69,15 @@ class Case:
         controller, plant = self.controller(), pa.plants.PinocchioPlant(self.true)
         measurement, desired = plant.measurement(self.true.q0, rest + 0.1), self.path.at(0.1)
         state = controller.step(controller.init(measurement), measurement, desired, 1e-3)[1]
-        times = in_turn(
-            {
-                "step": repeated(lambda: controller.step(state, measurement, desired, 1e-3), 1),
-                "aba": repeated(lambda: pin.aba(model, data, self.true.q0, rest, rest), CALLS),
-            },
-            ROUNDS,
-        )
+
+        def step() -> None:
+            controller.step(state, measurement, desired, 1e-3)
+
+        def dynamics() -> None:
+            for _ in range(CALLS):
+                pin.aba(model, data, self.true.q0, rest, rest)
+
+        times = in_turn({"step": step, "aba": dynamics}, ROUNDS)
         step, aba = (np.quantile(times[name], UNDISTURBED) for name in ("step", "aba"))
         return CALLS * float(step / aba)
 
@@ -88,14 +88,13 @@ def in_joint_space(robot: pa.Robot) -> pa.Robot:
     return joints.changed(viscous=friction.viscous, coulomb=friction.coulomb)
 
 
+@quiet()
 def measure(law: str) -> dict[str, Any]:
     """Return the figures of a law."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the table has the result
-        case = Case(law, Scenario.read(SCENARIO, ["controller.adaptation=natural"]))
-        return {
-            "unit": "rad" if case.joints else "m",
-            "error": case.error(),
-            "error_camera": None if case.joints else case.error(pa.Sensors(CAMERA)),
-            "step_ratio": case.cost(),
-        }
+    case = Case(law, Scenario.read(SCENARIO, ["controller.adaptation=natural"]))
+    return {
+        "unit": "rad" if case.joints else "m",
+        "error": case.error(),
+        "error_camera": None if case.joints else case.error(pa.Sensors(CAMERA)),
+        "step_ratio": case.cost(),
+    }

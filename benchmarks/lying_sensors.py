@@ -9,9 +9,9 @@ same run without it:
 * farther: how much farther a joint went by then than without the fault, at most [deg or cm];
 * torque: the largest one until then, of the limit of its motor;
 * drift: how far a joint went in the 3 s after the error, on the torque of ``Controller.safe`` and
-  with the fault going on [deg or cm], and speed: the fastest joint at their end [rad/s or m/s];
+  with the fault going on [deg or cm];
 * brakes: time after the error at which the state says that nothing is measured of a joint, so that
-  only brakes rest it [ms]; drift and speed are those until then.
+  only brakes rest it [ms]; drift is that until then.
 
 Nothing of this is a proof: a sensor may lie in ways that no comparison shows.
 """
@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import copy
 import math
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -32,7 +31,7 @@ import pinadapt as pa
 from pinadapt.description.chain import is_slide
 from pinadapt.zoo.experiment import zoo_case
 
-from .timing import markdown
+from .shared import Row, grouped, markdown, quiet
 
 DT, BEGIN, LONGEST, AFTER = 1e-3, 1.0, 1.0, 3.0  # [s]
 JOINT = 1  # that lies alone
@@ -78,16 +77,12 @@ def _joint(values: np.ndarray, value: float) -> np.ndarray:
     return changed
 
 
-def _stuck_q(liar: Liar, s: pa.Measurement, v: bool = False) -> pa.Measurement:
+def _stuck_q(liar: Liar, s: pa.Measurement) -> pa.Measurement:
     joint = liar.model.joints[JOINT + 1]
     part = slice(joint.idx_q, joint.idx_q + joint.nq)
     q = s.q.copy()
     q[part] = liar.first.q[part]
-    return s._replace(q=q, v=_joint(s.v, 0.0) if v else s.v)
-
-
-def _degrees(liar: Liar, s: pa.Measurement) -> pa.Measurement:
-    return s._replace(q=np.degrees(s.q))
+    return s._replace(q=q)
 
 
 def _off_the_circle(liar: Liar, s: pa.Measurement) -> pa.Measurement:
@@ -106,10 +101,6 @@ def _off(liar: Liar, s: pa.Measurement, by: float) -> pa.Measurement:
     return s if s.x is None else s._replace(x=s.x + by * np.eye(s.x.size)[0])
 
 
-def _frozen(liar: Liar, s: pa.Measurement) -> pa.Measurement:
-    return liar.first._replace(t=s.t)
-
-
 FAULTS: dict[str, Spoil] = {
     "v of a joint stuck": lambda a, s: s._replace(v=_joint(s.v, a.first.v[JOINT])),
     "v of a joint zero": lambda a, s: s._replace(v=_joint(s.v, 0.0)),
@@ -118,9 +109,9 @@ FAULTS: dict[str, Spoil] = {
     "v in degrees": lambda a, s: s._replace(v=np.degrees(s.v)),
     "v 50 rad/s, once": _once(lambda a, s: s._replace(v=_joint(s.v, 50.0))),
     "q of a joint stuck": _stuck_q,
-    "encoder stuck, v zero with it": lambda a, s: _stuck_q(a, s, v=True),
+    "encoder stuck, v zero with it": lambda a, s: _stuck_q(a, s)._replace(v=_joint(s.v, 0.0)),
     "q wraps by 2 pi": lambda a, s: s._replace(q=a.angles(s, lambda angle: angle - 2.0 * np.pi)),
-    "q in degrees": _degrees,
+    "q in degrees": lambda a, s: s._replace(q=np.degrees(s.q)),
     "q off by 0.5, once": _once(lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.5))),
     "q off by 0.1 for good": lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.1)),
     "(cos, sin) times 1.2": _off_the_circle,
@@ -131,7 +122,7 @@ FAULTS: dict[str, Spoil] = {
     "torque times 100": lambda a, s: s if s.tau is None else s._replace(tau=100.0 * s.tau),
     "time of every second sample": lambda a, s: s._replace(t=s.t - DT * (a.count % 2)),
     "time stands": lambda a, s: s._replace(t=a.first.t),
-    "all repeated, time goes on": _frozen,
+    "all repeated, time goes on": lambda a, s: a.first._replace(t=s.t),
     "v of a joint not a number": lambda a, s: s._replace(v=_joint(s.v, math.nan)),
     "v not a number": lambda a, s: s._replace(v=math.nan * s.v),
     "q of a joint not a number": lambda a, s: s._replace(q=a.angles(s, lambda angle: math.nan)),
@@ -220,35 +211,24 @@ def effect(loop: Loop, honest: list[np.ndarray]) -> dict[str, Any]:
         loop: whose sensors lie.
         honest: q (nq) of each sample from now on if they did not.
     """
-    limit, model = np.asarray(loop.true.model.effortLimit), loop.true.model
-    limit = np.where(limit > 0.0, limit, np.inf)
-    refused, share, said, k, farthest = None, 0.0, "", 0, 0.0
+    model = loop.true.model
+    limit = np.where(model.effortLimit > 0.0, model.effortLimit, np.inf)
+    found: dict[str, Any] = {"refused": None, "drift": 0.0, "brakes": None}
+    share, farthest, k = 0.0, 0.0, 0
     try:
         for truth, torque in loop.samples(LONGEST):
             share = max(share, float((np.abs(torque) / limit).max()))
             farthest = max(farthest, _apart(model, honest[k], truth.q))
             k += 1
-    except pa.PinadaptError as error:
-        refused = 1e3 * k * loop.dt
-        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        farthest = max(farthest, _apart(model, honest[k], loop.plant.measure().q))
-    drift, speed, bridged, brakes = 0.0, math.nan, sum(loop.state.bridged), None
-    if refused is not None:
+    except pa.PinadaptError:
         start = truth = loop.plant.measure()
+        farthest = max(farthest, _apart(model, honest[k], start.q))
+        found["refused"] = 1e3 * k * loop.dt
         for truth in loop.rest(AFTER):
-            drift = max(drift, _apart(model, start.q, truth.q))
-            speed = float(np.abs(truth.v).max())
-        brakes = 1e3 * (truth.t - start.t) if loop.state.unseen.any() else None
-    return {
-        "refused": refused,
-        "farther": farthest,
-        "torque": share,
-        "drift": drift,
-        "speed": speed,
-        "brakes": brakes,
-        "bridged": bridged,
-        "said": said,
-    }
+            found["drift"] = max(found["drift"], _apart(model, start.q, truth.q))
+        if loop.state.unseen.any():
+            found["brakes"] = 1e3 * (truth.t - start.t)
+    return found | {"farther": farthest, "torque": share}
 
 
 def _apart(model: Any, q: np.ndarray, other: np.ndarray) -> float:
@@ -272,39 +252,43 @@ def before(name: str, law: str, measures: bool) -> tuple[Loop, list[np.ndarray]]
     return loop, [s.q for s, _ in copy.deepcopy(loop).samples(LONGEST + 0.1)]
 
 
+@quiet()
 def measure(robot: str, law: str, fault: str) -> dict[str, Any]:
     """Return what a fault does.
 
     Raises:
         InputError: the robot cannot have it.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        loop, honest = before(robot, law, fault in MEASURES)
-        model = loop.true.model
-        wraps = model.joints[JOINT + 1].nq == 1
-        if (fault in WRAPS and not wraps) or (fault in CONTINUOUS and model.nq == model.nv):
-            raise pa.InputError("this robot cannot have it.", where=fault)
-        return effect(loop.lying(fault), honest)
+    loop, honest = before(robot, law, fault in MEASURES)
+    model = loop.true.model
+    wraps = model.joints[JOINT + 1].nq == 1
+    if (fault in WRAPS and not wraps) or (fault in CONTINUOUS and model.nq == model.nv):
+        raise pa.InputError("this robot cannot have it.", where=fault)
+    return effect(loop.lying(fault), honest)
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
     """Return a table in Markdown: the worst of the robots, faults of one outcome in a row."""
-    found: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        if row["status"] == "done":
-            found.setdefault(row["fault"], []).append(row)
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for own in found.values():
-        groups.setdefault(_outcome(own), []).extend(own)
-    cells = [
-        ["; ".join(dict.fromkeys(row["fault"] for row in own)), outcome, *_worst(own)]
-        for outcome, own in groups.items()
+    shown = [row for row in rows if (row["law"], row["status"]) == ("separation", "done")]
+    found = grouped(shown, "fault")
+    told = [
+        {**row, "outcome": outcome}
+        for own in found.values()
+        for outcome in [_outcome(own)]
+        for row in own
     ]
+    cells = []
+    for outcome, own in grouped(told, "outcome").items():
+        far, torque, drift = (
+            max(row[key] for row in own) for key in ("farther", "torque", "drift")
+        )
+        faults = "; ".join(grouped(own, "fault"))
+        worst = f"{far:.2g}°", f"{100.0 * torque:.0f} %", f"{drift:.2g}°"
+        cells.append([faults, outcome, *worst])
     return markdown(["fault", "outcome", "deviation", "torque", "drift"], cells)
 
 
-def _outcome(rows: Sequence[Mapping[str, Any]]) -> str:
+def _outcome(rows: Sequence[Row]) -> str:
     """Return how the runs with a fault ended."""
     missed = [row["robot"] for row in rows if row["refused"] is None]
     if missed:
@@ -313,12 +297,6 @@ def _outcome(rows: Sequence[Mapping[str, Any]]) -> str:
         return f"refused within {SOON:.0f} ms, needs brakes"
     late = max(row["refused"] for row in rows)
     return f"refused after {late:.0f} ms" if late > SOON else f"refused within {SOON:.0f} ms"
-
-
-def _worst(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the largest deviation, torque and drift of some rows."""
-    far, torque, drift = (max(row[key] for row in rows) for key in ("farther", "torque", "drift"))
-    return [f"{far:.2g}°", f"{100.0 * torque:.0f} %", f"{drift:.2g}°"]
 
 
 SOON = 20.0  # [ms]

@@ -13,7 +13,7 @@ files. FIGAROH's own numbers are those of its protocol
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from pinadapt.identification.calibration import ALL, OFFSETS
 from pinadapt.logs import read_log
 from pinadapt.models.translations import TOOL
 
-from .timing import markdown
+from .shared import Row, markdown, rms
 
 TRAINING = "qualisys_2021-11-30_static_postures.csv"
 TEST = "qualisys_2021-11-26_static_postures.csv"
@@ -58,13 +58,12 @@ def measure(unknown: str) -> dict[str, Any]:
     training, test = (distances(found, log) for log in logs)
     return {
         "combinations": len(found.combinations),
-        "training": float(np.sqrt(np.mean(training**2))),
-        "test": float(np.sqrt(np.mean(test**2))),
-        "largest": float(test.max()),
+        "training": rms(training),
+        "test": rms(test),
     }
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
     """Return a table in Markdown, ours beside FIGAROH's."""
     cells = [
         [

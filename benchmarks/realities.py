@@ -2,9 +2,7 @@
 
 ``make realities.table`` runs the sweep ``realities.toml``: the case of the zoo (tool, load,
 inertias and friction unknown, a circle) where encoders, motors, gears, friction or the world
-around the arm are not those of the model. For a look at some of them, in this process::
-
-    python -m benchmarks.realities --robots panda,z1 --realities perfect,push --contenders default
+around the arm are not those of the model.
 
 Contenders: no adaptation of the dynamics ("none"), "natural", the library's default, and momentum
 observers, which take the disturbance torque that they see off the torque of "none". All learn the
@@ -14,16 +12,11 @@ encoders, the camera, the period, and rotor inertias where joints give way.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
-import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import product
-from statistics import median
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -38,9 +31,8 @@ from pinadapt.plants.plant import SimulatedPlant
 from pinadapt.records import Desired, Measurement
 from pinadapt.zoo.experiment import zoo_case
 
-from .timing import markdown
+from .shared import COUNT, Row, grouped, markdown, quiet, spread
 
-ROBOTS = "panda", "ur5", "ur10", "z1", "kinova", "xarm7", "scara", "g1_left_arm"
 DURATION = 6.0  # [s] of a run: half of it ends with the push, twice costs twice
 PUSHED = 0.5  # [s] from half of the run on
 BAND = 1e-3  # [m]; back is who errs by less than this above the largest error of 1 s to the push
@@ -89,12 +81,11 @@ class Reality:
     push: float = 0.0
 
 
-COUNT = {bits: 2.0 * math.pi / 2**bits for bits in (17, 14)}
 REALITIES = {
     "perfect": Reality(),
     **{
         f"{bits} bit{' declared' * declared}": Reality(pa.Sensors(encoder=count), declared)
-        for bits, count in COUNT.items()
+        for bits, count in sorted(COUNT.items(), reverse=True)
         for declared in (True, False)
     },
     **{f"motors {ms} ms late": Reality(late=1e-3 * ms) for ms in (2, 5, 10, 12, 15)},
@@ -301,18 +292,16 @@ def simulated(
         K = case.stiffness / levers(true) ** 2
         damping = 2.0 * case.damping * np.sqrt(K * rotors)
         actuators = pa.robot.Actuators(delay=case.late, stiffness=K, damping=damping)
-    shares = {t: WARM[0] ** (-t / WARM[1]) for t in np.arange(0.0, n - 0.05, 0.1).tolist()}
-    cooler = {
-        t: true.changed(
-            friction=pa.Friction(
-                share * own.viscous,
-                share * case.coulomb * own.coulomb,
-                breakaway=np.array(case.breakaway),
-                fading=np.array(FADING),
-            )
+    cooler = {}
+    for t in np.arange(0.0, n - 0.05, 0.1).tolist() if case.warms else [0.0]:
+        share = WARM[0] ** (-t / WARM[1])
+        friction = pa.Friction(
+            share * own.viscous,
+            share * case.coulomb * own.coulomb,
+            breakaway=np.array(case.breakaway),
+            fading=np.array(FADING),
         )
-        for t, share in (shares if case.warms else {0.0: 1.0}).items()
-    }
+        cooler[t] = true.changed(friction=friction)
     controller = controller_of(
         contender,
         model,
@@ -347,6 +336,7 @@ def weights(controller: pa.Controller, a_d: np.ndarray, true: pa.Robot) -> np.nd
     return np.asarray(a_d @ columns / (g @ g))
 
 
+@quiet()  # of descriptions with unphysical bodies, and of ringing
 def measure(
     robot: str,
     reality: str,
@@ -367,8 +357,10 @@ def measure(
         axis: its direction, as "-z"; None: by the seed.
         duration: of the run in place of the reality's [s].
 
-    The error is the largest of the last half turn, in which each joint turns around. Lost is who
-    diverges, or errs by more than the radius then.
+    The error is the largest of the last half turn, in which each joint turns around, relative to
+    the radius. Lost is who diverges, or errs by more than the radius then. Of a push: the largest
+    error [m], the time until it is back [s], and the weight at the end of the push, a second later
+    and in the end.
     """
     case, zoo = REALITIES[reality], case_of(robot, case_seed)
     case = replace(
@@ -376,132 +368,35 @@ def measure(
         push=case.push if force is None else force,
         duration=duration or case.duration,
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of descriptions with unphysical bodies, and of ringing
-        given = robot, case, contender, case_seed, axis or AXES[case_seed % len(AXES)]
-        controller, rollout = simulated(*given)
+    given = robot, case, contender, case_seed, axis or AXES[case_seed % len(AXES)]
+    controller, rollout = simulated(*given)
     t, error, start = rollout.t, rollout.distance, 0.5 * case.duration
-    last, late = t > case.duration - 0.5 * zoo.period, t >= start + PUSHED
-    found = dict.fromkeys(FIGURES) | {"first": float(error[t <= 1.0].max())}
-    if rollout.diverged is not None or not error[last].max() < zoo.radius:
-        return found | {"status": "diverged", "reason": f"lost after {t[-1]:.1f} s"}
+    last = error[t > case.duration - 0.5 * zoo.period]
+    if rollout.diverged is not None or not last.max() < zoo.radius:
+        return {"status": "diverged", "reason": f"lost after {t[-1]:.1f} s"}
     weight = weights(controller, rollout.a_d, zoo.true)
-    change = np.diff(rollout.tau[last], axis=0) / effort_limits(zoo.true.model)
-    found |= {
-        "error": float(error[last].max()) / zoo.radius,
-        "weight": float(weight[-1]),
-        "chatter": float(np.sqrt(np.mean(change**2))),
-    }
+    found = {"error": float(last.max()) / zoo.radius, "weight": float(weight[-1])}
     if case.push:
-        before = (t > 1.0) & (t < start)
+        late, before = t >= start + PUSHED, (t > 1.0) & (t < start)
         away = t[late & (error > error[before].max() + BAND)]
         found |= {
             "pushed": float(error[(t >= start) & (t < start + 2.0 * PUSHED)].max()),
             "back": float(away[-1] - start - PUSHED) if away.size else 0.0,
-            "before": float(weight[before][-1]),
             "after": float(weight[late][0]),
             "second": float(weight[t >= start + PUSHED + 1.0][0]),
         }
     return found
 
 
-# --- tables ---
-
-
-FIGURES = {
-    "error": ("error [%]", 100.0),
-    "first": ("first second [mm]", 1e3),
-    "pushed": ("pushed [mm]", 1e3),
-    "back": ("back after [s]", 1.0),
-    "before": ("weight before", 1.0),
-    "after": ("at its end", 1.0),
-    "second": ("1 s later", 1.0),
-    "weight": ("at the end", 1.0),
-    "chatter": ("chatter [%]", 100.0),
-}
-IN_TABLE = "error", "first", "chatter"
-WEIGHTS = "before", "after", "second", "weight"
-OF_PUSH = "pushed", "back", *WEIGHTS
-
-
-def cells(rows: Iterable[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
-    """Return how many runs are lost, and median / worst of figures of the others.
-
-    The worst weight is the one that is farthest from the true one, as a factor.
-    """
-    rows = list(rows)
-    held = [row for row in rows if row["error"] is not None]
-    found = [f"{len(rows) - len(held)} of {len(rows)}" if len(held) < len(rows) else ""]
-    for key in keys:
-        values = sorted(FIGURES[key][1] * row[key] for row in held if row[key] is not None)
-        ends = values[-1:]
-        if values and key in WEIGHTS:
-            ends = [max(values[0], values[-1], key=lambda x: max(x, 1.0 / max(x, 1e-9)))]
-        both = [f"{value:.2g}" for value in (*([median(values)] if values else []), *ends)]
-        found.append(" / ".join(dict.fromkeys(both)))
-    return found
-
-
-def table(
-    rows: Iterable[Mapping[str, Any]], by: tuple[str, str], figures: Iterable[str] = FIGURES
-) -> str:
-    """Return a table in Markdown with a line for each group of rows, by the values of two keys."""
-    groups: dict[tuple[Any, Any], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row[by[0]], row[by[1]]), []).append(row)
-    head = [*by, "lost", *(FIGURES[key][0] for key in figures)]
-    return markdown(head, [[*key, *cells(own, figures)] for key, own in groups.items()])
-
-
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the table of the realities, each beside the next contender."""
-    return table([row for row in rows if not row["force"]], ("reality", "contender"), IN_TABLE)
-
-
-def pushes(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the table of pushes with several forces [N]."""
-    return table([row for row in rows if row["force"]], ("force", "contender"), OF_PUSH)
-
-
-def contenders(rows: Iterable[Mapping[str, Any]]) -> str:
+def contenders(rows: Iterable[Row]) -> str:
     """Return median and worst error of each contender in each reality, and how many are lost."""
-    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        if not row["force"]:
-            found.setdefault((row["reality"], row["contender"]), []).append(row)
     lines = []
-    for reality in dict.fromkeys(reality for reality, _ in found):
-        own = [cells(found[reality, contender], ["error"]) for contender in CONTENDERS]
-        lines.append(
-            [reality, *(f"{error}, {lost} lost" if lost else error for lost, error in own)]
-        )
+    for reality, own in grouped([row for row in rows if not row["force"]], "reality").items():
+        line, runs = [reality], grouped(own, "contender")
+        for contender in CONTENDERS:
+            errors = [100.0 * row["error"] for row in runs[contender] if row["error"] is not None]
+            lost = len(runs[contender]) - len(errors)
+            words = f", {lost} of {len(runs[contender])} lost" if lost else ""
+            line.append(spread(errors) + words)
+        lines.append(line)
     return markdown(["error [%]", *CONTENDERS], lines)
-
-
-# --- a quick look ---
-
-
-def main() -> None:
-    """Run some cases in this process, and print their table and the time of a case."""
-    parser = argparse.ArgumentParser(description="Run cases in this process; print their table.")
-    for name, every in ("robots", ROBOTS), ("realities", REALITIES), ("contenders", CONTENDERS):
-        parser.add_argument(f"--{name}", type=lambda text: text.split(","), default=list(every))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--seconds", type=float, help="of a run")
-    parser.add_argument("--force", type=float, help="of the push [N]")
-    parser.add_argument("--axis", help="of the push, as --axis=-z; default: by the seed")
-    parser.add_argument("--each", action="store_true", help="print every case")
-    given = parser.parse_args()
-    rows, started = [], perf_counter()
-    each = given.realities, given.contenders, given.robots, range(given.seeds)
-    for reality, contender, robot, seed in product(*each):
-        row = measure(robot, reality, contender, seed, given.force, given.axis, given.seconds)
-        rows.append({"reality": reality, "contender": contender} | row)
-        if given.each:
-            print(reality, contender, robot, seed, *cells([row], FIGURES), sep="\t", flush=True)
-    print(table(rows, ("reality", "contender")))
-    print(f"\n{(perf_counter() - started) / len(rows):.2f} s a case, {len(rows)} cases")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,12 +1,11 @@
 """The loop on a clock: a Panda at 1 kHz against a plant in another process, and its histogram.
 
-``python -m benchmarks.realtime [--seconds 60] [--load] [--ordinary]`` runs the default law with its
-94 unknowns on an arm that sends a measurement each millisecond, whether the loop is late or not.
-The plant stays on the first core of this process, the loop on the last. ``--load``: another process
-keeps the plant's core busy. ``--ordinary``: without real-time priority, as any program. The log is
-written meanwhile. ``step`` is the time from a measurement to its torque, ``period`` that between
-measurements as the loop sees them. Before it, the same arm is only read for a tenth of the time:
-those periods are what the machine itself makes late.
+``python -m benchmarks.realtime [--load]`` runs for a minute the default law with its 94 unknowns on
+an arm that sends a measurement each millisecond, whether the loop is late or not. The plant stays
+on the first core of this process, the loop on the last. ``--load``: another process keeps the
+plant's core busy. The log is written meanwhile. ``step`` is the time from a measurement to its
+torque, ``period`` that between measurements as the loop sees them. Before it, the same arm is only
+read for a tenth of the time: those periods are what the machine itself makes late.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -35,7 +33,7 @@ from pinadapt.realtime import (
 )
 from pinadapt.realtime.realtime_loop import quantiles
 
-LATE = 3e-3  # [s] a period that is 2 ms late
+SECONDS, LATE = 60.0, 3e-3  # [s] a period that is 2 ms late
 
 
 def spin(core: int) -> None:
@@ -58,7 +56,7 @@ def only_read(arm: Arm, seconds: float) -> Counter[int]:
     return found
 
 
-def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[RunResult, Counter[int]]:
+def run(*, load: bool) -> tuple[RunResult, Counter[int]]:
     """Return the end of a run, and the periods of the arm when it is only read."""
     robot = pa.load("panda")
     mass = pa.Payload(1.0, [0.0, 0.0, 0.05])
@@ -68,14 +66,13 @@ def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[RunResult, Count
     busy = get_context("spawn").Process(target=spin, args=(cores[0],), daemon=True)
     if load:
         busy.start()
-    priority = None if ordinary else 70
-    scheduling = Scheduling(None, None, False) if ordinary else Scheduling(core=cores[-1])
+    scheduling = Scheduling(core=cores[-1])
     make = partial(pa.plants.PinocchioPlant, true.undrawn())
     motion = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
-    plant = partial(ProcessArm, make, scheduling=Scheduling(priority, cores[0], lock=False))
+    plant = partial(ProcessArm, make, scheduling=Scheduling(70, cores[0], lock=False))
     with tempfile.TemporaryDirectory() as folder:
         with plant() as arm, scheduling.applied():
-            beside = only_read(arm, seconds / 10.0)
+            beside = only_read(arm, SECONDS / 10.0)
         with Recorder(Path(folder) / "run.mcap", controller) as recorder, plant() as arm:
             safety = Safety(late=10**6)
             loop = RealtimeLoop(
@@ -87,20 +84,17 @@ def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[RunResult, Count
                 recorder=recorder,
                 scheduling=scheduling,
             )
-            ending = loop.run(seconds)
+            ending = loop.run(SECONDS)
     if load:
         busy.kill()
     return ending, beside
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--load", action="store_true")
-    parser.add_argument("--ordinary", action="store_true")
-    options = parser.parse_args(arguments)
-    ending, beside = run(options.seconds, load=options.load, ordinary=options.ordinary)
+    parser = argparse.ArgumentParser(description="The loop on a clock; see the module.")
+    parser.add_argument("--load", action="store_true", help="keep the plant's core busy")
+    ending, beside = run(load=parser.parse_args().load)
     print(ending)
     for name, times in {"loop": ending.period, "arm that is only read": beside}.items():
         late = sum(number for time, number in times.items() if time > 1e6 * LATE)

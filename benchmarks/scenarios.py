@@ -1,25 +1,23 @@
 """Errors of the scenarios of ``robots/`` with other settings, for tables of several pages.
 
 ``make scenarios.table`` runs the sweep ``scenarios.toml`` and writes ``scenarios.csv``: the largest
-errors of each half second, of the last tenth, and of the time after each change of the robot.
+errors of the last tenth, of the second before each of three times, and after each change of the
+robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
-
-import numpy as np
 
 import pinadapt as pa
 from pinadapt.scenario import Scenario
 
-from .timing import HERE, markdown, two_digits
+from .shared import HERE, Row, diverged, grouped, markdown, two_digits
 
 ROBOTS = HERE.parent / "robots"
 _LIFTED = "{mass=3.0,com=[0.0,0.0,0.05]}"
 ANNOUNCED = f"events.announcements=[{{at=6.0,payload={{mass=0.0}}}},{{at=12.0,payload={_LIFTED}}}]"
-Row = Mapping[str, Any]
 
 
 def measure(
@@ -51,18 +49,14 @@ def measure(
     }
     given = [*settings.split(), *(f"{key}={value}" for key, value in named.items() if value)]
     given += [ANNOUNCED] * announced
-    found = Scenario.read(ROBOTS / f"{scenario}.toml", given)
-    rollout = found.run(progress=False)
+    rollout = Scenario.read(ROBOTS / f"{scenario}.toml", given).run(progress=False)
     if rollout.diverged is not None:
-        words = f"at {rollout.diverged:.1f} s"
-        return {"status": "diverged", "reason": words, **changes(rollout)}
-    halves = np.floor(2.0 * (rollout.t - 1e-9)).clip(0).astype(int)
-    worst = [rollout.distance[halves == k].max() for k in range(halves[-1] + 1)]
-    return {
-        "last": digits(rollout.summary()["max_error_last"]),
-        "half": [digits(each) for each in worst],
-        **changes(rollout),
-    }
+        return {**diverged(rollout), **changes(rollout)}
+    found = {"last": digits(rollout.summary()["max_error_last"])}
+    for end in ENDS if table == prediction_errors.__name__ else ():
+        window = (rollout.t > end - 1.0) & (rollout.t <= end)
+        found[f"until_{end:g}s"] = digits(rollout.distance[window].max())
+    return {**found, **changes(rollout)}
 
 
 def changes(rollout: pa.Rollout) -> dict[str, Any]:
@@ -82,16 +76,14 @@ def digits(value: Any) -> float:
 # --- tables ---
 
 
-def mm(value: float | None, form: str = "") -> str:
+def mm(value: float, form: str = "") -> str:
     """Return a length in millimetres, with two digits unless a form is given."""
-    if value is None:
-        return "lost"
     return f"{1e3 * value:{form}} mm" if form else f"{two_digits(1e3 * value)} mm"
 
 
-def window(row: Row, begin: float, end: float) -> float:
-    """Return the largest error between two times, which are whole half seconds [m]."""
-    return max(row[f"half[{k}]"] for k in range(round(2.0 * begin), round(2.0 * end)))
+def words(row: Row) -> dict[str, str]:
+    """Return the settings of a row."""
+    return dict(each.split("=", 1) for each in (row["settings"] or "").split())
 
 
 def engines(rows: Sequence[Row]) -> str:
@@ -107,29 +99,31 @@ def engines(rows: Sequence[Row]) -> str:
 
 def law_words(row: Row) -> str:
     """Return law and adaptation that settings name."""
-    words = dict(each.split("=", 1) for each in (row["settings"] or "").split())
-    law = f"`{words.get('controller.law', 'separation')}`"
-    if "sensors.camera" in words:
+    named = words(row)
+    law = f"`{named.get('controller.law', 'separation')}`"
+    if "sensors.camera" in named:
         return f"{law}, camera of 30 Hz, 60 ms late"
-    adaptation = words.get("controller.adaptation")
+    adaptation = named.get("controller.adaptation")
     return f'{law}, `adaptation = "{adaptation}"`' if adaptation else law
 
 
 def load_changes(rows: Sequence[Row]) -> str:
     """Return errors after changes of the load, announced and not."""
-    found: dict[str, list[str]] = {}
-    for row in rows:
-        for change in ("drop", "lift"):
-            worst, back = row[f"{change}.worst"], row[f"{change}.back"]
-            when = "never" if back is None else f"{back:.2g} s" if back else "at once"
-            lost = row["status"] != "done" and change == "lift"
-            words = f"diverged {row['reason']}" if lost else f"{mm(worst, '.3g')}, {when}"
-            found.setdefault(law_words(row), []).append(words)
-    head = [f"{what}, {how}" for how in ("not announced", "announced") for what in CHANGES]
-    return markdown(["law", *head], [[name, *cells] for name, cells in found.items()])
-
-
-CHANGES = ("dropped", "picked up")
+    lines = []
+    for own in grouped(rows, "settings").values():
+        line = [law_words(own[0])]
+        for row in own:
+            for change in ("drop", "lift"):
+                back = row[f"{change}.back"]
+                when = "never" if back is None else f"{back:.2g} s" if back else "at once"
+                if row["status"] != "done" and change == "lift":
+                    line.append(f"diverged {row['reason']}")
+                else:
+                    line.append(f"{mm(row[f'{change}.worst'], '.3g')}, {when}")
+        lines.append(line)
+    changes = "dropped", "picked up"
+    head = [f"{what}, {how}" for how in ("not announced", "announced") for what in changes]
+    return markdown(["law", *head], lines)
 
 
 LENGTHS = {
@@ -146,28 +140,37 @@ def unknown_lengths(rows: Sequence[Row]) -> str:
     """Return the errors of an arm whose lengths are unknown, by law and adaptation."""
     cells = []
     for row in rows:
-        words = dict(each.split("=", 1) for each in (row["settings"] or "").split())
-        law, kind, regressor = LENGTHS[words.get("controller.law", "")]
-        if row["settings"] and "controller.law" not in words:
-            law, kind = "passivity based", words.get("controller.adaptation", "gradient")
-            nominal = "unknown.regressor" in words
+        named = words(row)
+        law, kind, regressor = LENGTHS[named.get("controller.law", "")]
+        if named and "controller.law" not in named:
+            law, kind = "passivity based", named.get("controller.adaptation", "gradient")
+            nominal = "unknown.regressor" in named
             regressor = "nominal, 60, not covered by the proof" if nominal else ""
             kind = kind if kind == "none" else f"`{kind}`"
         cells.append([law, kind, regressor, mm(row["last"])])
     return markdown(["law", "adaptation", "regressor", "error"], cells)
 
 
+ENDS = 2.0, 5.0, 10.0  # [s]
+
+
 def prediction_errors(rows: Sequence[Row]) -> str:
     """Return the errors of the same arm with adaptations to prediction errors, at three times."""
     cells = [
         [f"`{row['adaptation']}`", f"`{row['kinematic']}`"]
-        + [mm(window(row, end - 1.0, end), ".3f") for end in (2.0, 5.0, 10.0)]
+        + [mm(row[f"until_{end:g}s"], ".3f") for end in ENDS]
         for row in rows
     ]
-    return markdown(["`adaptation`", "`kinematic_adaptation`", "2 s", "5 s", "10 s"], cells)
+    head = ["`adaptation`", "`kinematic_adaptation`", *(f"{end:g} s" for end in ENDS)]
+    return markdown(head, cells)
 
 
-TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
-    report.__name__: report
+def of_table(report: Callable[[list[Row]], str]) -> Callable[[Sequence[Row]], str]:
+    """Return a report of the rows of its own table."""
+    return lambda rows: report([row for row in rows if row["table"] == report.__name__])
+
+
+TABLES = {
+    report.__name__: of_table(report)
     for report in (engines, load_changes, unknown_lengths, prediction_errors)
 }

@@ -7,9 +7,7 @@ UR10's first second under an unknown load of 5 % of its mass [mm], and that of a
 
 from __future__ import annotations
 
-import argparse
 from concurrent.futures import ProcessPoolExecutor
-from statistics import median
 from typing import Any
 
 import pinadapt as pa
@@ -18,8 +16,8 @@ from pinadapt.laws import Separation, separation
 from pinadapt.tuning import rates
 
 from .realities import measure
-from .strangers import INERTIAS, LOAD, TOOL
-from .timing import markdown
+from .shared import markdown, spread
+from .strangers import unlike
 
 ARMS = "panda", "z1", "ur10", "kinova"
 REALITIES = "perfect", "17 bit declared", "motors 10 ms late", "dry friction", "warming up", "push"
@@ -51,7 +49,7 @@ def figures(case: Case) -> dict[str, float | None]:
         row = measure(arm, reality, "default", duration=SECONDS)
     finally:
         setattr(owner, name, before)
-    error, pushed = row["error"], row.get("pushed")
+    error, pushed = row.get("error"), row.get("pushed")
     return {
         "error": None if error is None else 100.0 * error,
         "pushed": None if pushed is None else 1e3 * pushed,
@@ -61,13 +59,9 @@ def figures(case: Case) -> dict[str, float | None]:
 def start(arm: str) -> float:
     """Return the largest error [m] of the first second with an unknown load, tool and inertias."""
     robot = pa.load(arm)
-    tool, circle = robot.reach * TOOL, pa.reachable_circle(robot)
-    load = pa.Payload(mass=LOAD * robot.mass, com=tool)
-    true = robot.changed(tool_translation=tool, payload=load)
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=INERTIAS), unknown=pa.Unknown(tool=True)
-    )
-    motion = circle.starting_at(true.position(true.q0))
+    true, model = unlike(robot)
+    controller = pa.make_controller(model, unknown=pa.Unknown(tool=True))
+    motion = pa.reachable_circle(robot).starting_at(true.position(true.q0))
     rollout = pa.simulate(true, controller, motion, duration=1.0, progress=False)
     return float(rollout.distance.max())
 
@@ -76,19 +70,15 @@ def cell(found: list[dict[str, float | None]], key: str) -> str:
     """Return median / worst of the runs that are not lost, and how many are."""
     values = [value for run in found if (value := run[key]) is not None]
     lost = len(found) - len(values)
-    words = [f"{median(values):.2g} / {max(values):.2g}"] if values else []
-    return ", ".join(words + [f"{lost} lost"] * bool(lost))
+    return ", ".join([spread(values)] * bool(values) + [f"{lost} lost"] * bool(lost))
 
 
 def main() -> None:
     """Run all cases and print the table."""
-    parser = argparse.ArgumentParser(description="What half and twice of each number do.")
-    parser.add_argument("--processes", type=int, default=2)
-    given = parser.parse_args()
     variants = [(None, 1.0), *((name, factor) for name in NUMBERS for factor in (0.5, 2.0))]
     cells = [(reality, arm) for reality in REALITIES for arm in ARMS] + [(START, "ur10")]
     cases = [(*variant, *each) for variant in variants for each in cells]
-    with ProcessPoolExecutor(given.processes) as pool:
+    with ProcessPoolExecutor() as pool:
         found = dict(zip(cases, pool.map(figures, cases), strict=True))
     lines = []
     for name, factor in variants:

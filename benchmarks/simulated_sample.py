@@ -1,6 +1,6 @@
 """The time of a simulated sample of the Panda relative to its forward dynamics.
 
-``python -m benchmarks.simulated_sample [--save FILE]`` runs robots/panda/tool_and_load.toml, with
+``python -m benchmarks.simulated_sample`` runs robots/panda/tool_and_load.toml, with
 everything recorded and the rollout made, without and with joint friction, in MuJoCo, and with the
 default's memory of torques, which solves for an estimate twice in a block. A sample consists of
 the control step and the rest: desired motion, measuring, integrating, recording, and its share of
@@ -15,8 +15,6 @@ row includes this; the others run in memory that the process already has.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -28,7 +26,7 @@ from pinadapt.plants.plant import SimulatedPlant
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.simulation.simulate import Record, record, rollout_of
 
-from .timing import HERE, in_turn, repeated, save, saved
+from .shared import HERE, in_turn, save
 
 SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
 NATURAL = "controller.adaptation=natural"
@@ -77,8 +75,12 @@ def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, A
     model, data = plant.robot.model, plant.robot.model.createData()
     q, v, tau = plant.robot.q0, np.full(model.nv, 0.1), np.ones(model.nv)
     loop = Loop(plant, scenario.controller, scenario.trajectory)
-    aba = repeated(lambda: pin.aba(model, data, q, v, tau), BLOCK)
-    times = in_turn({"rest": loop.block, "aba": aba}, ROUNDS)
+
+    def dynamics() -> None:
+        for _ in range(BLOCK):
+            pin.aba(model, data, q, v, tau)
+
+    times = in_turn({"rest": loop.block, "aba": dynamics}, ROUNDS)
     step, rest = np.array(loop.steps[-ROUNDS:]), times["rest"] + loop.rollout()
     return {
         "name": name,
@@ -92,11 +94,8 @@ def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, A
 
 
 def main() -> None:
-    """Print the figures with the previous ones, and save them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "simulated_sample.json")
-    path = parser.parse_args().save
-    before, scenario = saved(path), Scenario.read(SCENARIO, [NATURAL])
+    """Print the figures, and save them."""
+    scenario = Scenario.read(SCENARIO, [NATURAL])
     free = scenario.true.changed(viscous=0.0, coulomb=0.0)
     with_friction = scenario.true.changed(viscous=0.5, coulomb=0.5)
     plants: dict[str, SimulatedPlant] = {
@@ -109,14 +108,7 @@ def main() -> None:
     rows = [measure(name, scenario, plant) for name, plant in plants.items()]
     default = Scenario.read(SCENARIO)
     rows.append(measure("panda with the memory", default, pa.plants.PinocchioPlant(free)))
-    print("in calls of aba:                 step   rest  sample  (was)   aba us")
-    for row in rows:
-        was = before.get(row["name"], {}).get("sample_ratio", float("nan"))
-        print(
-            f"{row['name']:30} {row['step_ratio']:6.1f} {row['rest_ratio']:6.1f} "
-            f"{row['sample_ratio']:7.1f} {was:6.1f} {row['aba_us']:8.2f}"
-        )
-    save(path, rows)
+    save("simulated_sample", rows)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ measures the base. A push of 30 N for 0.5 s on the trunk comes from a random sid
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -24,7 +24,7 @@ from pinadapt.records import Desired
 from pinadapt.trajectories import Crawl, Trajectory
 from pinadapt.trajectories.trajectory import minimum_jerk
 
-from .timing import markdown
+from .shared import COUNT, Row, grouped, markdown
 
 SOLE = (0.1, 0.05)
 WAY = 0.015, 0.015, 0.01  # [m] of the trunk
@@ -112,8 +112,7 @@ def measure(
         varied: whether load, its place and the path are random.
         case_seed: of what is random.
 
-    The errors are those of the trunk: the largest of the run, the last second's, of its height, and
-    of the footholds of a crawl.
+    The errors are those of the trunk: the largest of the run, the last second's, of its height.
     """
     described, rng = standing(robot), np.random.default_rng(case_seed)
     height, way = described.q0[2], np.array(WAY)
@@ -123,48 +122,44 @@ def measure(
         com, way = com * rng.uniform(-1.0, 1.0, 3), way * rng.uniform(-1.3, 1.3, 3)
         com[2] = abs(com[2])
     angle = rng.uniform(-math.pi, math.pi)
-    payload = pa.Payload(load, com) if load else None
-    true = described.changed(payload=payload)
-    words = sensors.split(", ")
-    bits = next((int(word.split()[0]) for word in words if word.endswith("bit")), None)
+    true = described.changed(payload=pa.Payload(load, com))
+    bits = next((bits for bits in COUNT if f"{bits} bit" in sensors), None)
     given = pa.Sensors(
-        encoder=0.0 if bits is None else 2.0 * math.pi / 2**bits,
-        imu=pa.Imu(tilt=TILT) if "imu" in words else None,
+        encoder=0.0 if bits is None else COUNT[bits],
+        imu=pa.Imu(tilt=TILT) if "imu" in sensors else None,
     )
-    model = true if adaptation == "known" else described
-    kind = "none" if adaptation == "known" else adaptation
-    controller = pa.make_controller(model, unknown=UNKNOWN, sensors=given, adaptation=kind)
-    path: Any = Sway(described, way)
+    known = adaptation == "known"
+    controller = pa.make_controller(
+        true if known else described,
+        unknown=UNKNOWN,
+        sensors=given,
+        adaptation="none" if known else adaptation,
+    )
+    path: Trajectory = Sway(described, way)
+    duration = 4.0
     if motion == "crawl":
-        path = Crawl(length=height / 4.0, height=height / 6.0).on(described)
-    duration = 4.0 if motion == "sway" else path.settles + 1.0
+        path = crawl = Crawl(length=height / 4.0, height=height / 6.0).on(described)
+        assert crawl.settles is not None
+        duration = crawl.settles + 1.0
     force = PUSH * push * np.array([math.cos(angle), math.sin(angle), 0.0])
     rollout = pa.simulate(
         true, controller, path, duration=duration, sensors=given, seed=case_seed,
         engine=pa.Engine(lambda robot, **options: Pushed(robot, force, **options)), progress=False,
     )  # fmt: skip
-    t, error = rollout.t, rollout.distance
     rise = np.abs(rollout.x[:, 2] - rollout.x_d[:, 2])
-    found = dict.fromkeys(("largest", "last", "angle", "height", "slip", "found", "true", "step"))
+    last = rollout.t > rollout.t[-1] - 1.0
     if rollout.diverged is not None or rise.max() > FALLEN * height:
-        return found | {"status": "diverged", "reason": f"fell after {t[-1]:.1f} s"}
+        return {"status": "diverged", "reason": f"fell after {rollout.t[-1]:.1f} s"}
+    assert rollout.angle is not None
     trunk = described.model.getJointId("base_roll")
-    found |= {
-        "largest": float(error.max()),
-        "last": float(error[t > t[-1] - 1.0].max()),
-        "angle": 0.0 if rollout.angle is None else float(rollout.angle[t > t[-1] - 1.0].max()),
+    return {
+        "largest": float(rollout.distance.max()),
+        "last": float(rollout.distance[last].max()),
+        "angle": float(rollout.angle[last].max()),
         "height": float(rise.max()),
         "found": float(rollout.learned().model.inertias[trunk].mass),
         "true": float(true.model.inertias[trunk].mass),
-        "step": rollout.step_time,
     }
-    if motion == "crawl":
-        data = described.model.createData()
-        pin.framesForwardKinematics(described.model, data, rollout.q[-1])
-        frames = [described.model.getFrameId(each.frame) for each in described.contacts]
-        feet = np.array([data.oMf[frame].translation for frame in frames])
-        found["slip"] = float(np.linalg.norm(feet - path.footholds[-1], axis=1).max())
-    return found
 
 
 # --- tables ---
@@ -175,46 +170,43 @@ def _mm(value: float | None) -> str:
     return "fell" if value is None else f"{1e3 * value:.2g} mm"
 
 
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
+def _words(row: Row) -> str:
+    """Return robot, load and motion of a row."""
+    load = f"{'up to ' * bool(row['varied'])}{row['load']:g} kg"
+    return f"`{row['robot']}` + {load}" + " crawls" * (row["motion"] == "crawl")
+
+
+def report(rows: Iterable[Row]) -> str:
     """Return the table of perfect sensors: each robot and load, with and without adaptation."""
-    lines, rows = [], [row for row in rows if not row["sensors"]]  # perfect by default
-    for row in rows:
-        if row["adaptation"] != "natural-memory" or row["push"]:
-            continue
-        same = ("robot", "load", "motion")
-        other = next(
-            each for each in rows
-            if each["adaptation"] == "none" and all(each[key] == row[key] for key in same)
-        )  # fmt: skip
-        what = f"`{row['robot']}` + {row['load']:g} kg" + " crawls" * (row["motion"] == "crawl")
+    lines, perfect = [], [row for row in rows if not row["sensors"]]  # by default
+    for own in grouped(perfect, "robot", "load", "motion").values():
+        runs = {row["adaptation"]: row for row in own}
+        row = runs["natural-memory"]
         numbers = ["", ""]
-        if row["found"] is not None:
+        if row["status"] == "done":
             numbers = [
                 f"{math.degrees(row['angle']):.2g}°",
                 f"{row['found']:.2f} / {row['true']:.2f}",
             ]
-        lines.append([what, _mm(other["last"]), _mm(row["largest"]), _mm(row["last"]), *numbers])
+        errors = runs["none"]["last"], row["largest"], row["last"]
+        lines.append([_words(row), *map(_mm, errors), *numbers])
     head = ["robot, load", "not adapted", "largest", "last second", "angle then"]
     return markdown([*head, "trunk found / true [kg]"], lines)
 
 
-def rough(rows: Iterable[Mapping[str, Any]]) -> str:
+def rough(rows: Iterable[Row]) -> str:
     """Return the table of sensors, pushes and random loads."""
-    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        if row["sensors"] and (row["adaptation"] != "none" or row["varied"]):
-            key = row["robot"], row["load"], row["motion"], row["sensors"], row["push"]
-            groups.setdefault((*key, row["varied"], row["adaptation"]), []).append(row)
-    lines = []
-    for (robot, load, motion, sensors, push, varied, kind), own in groups.items():
-        held = [row for row in own if row["last"] is not None]
-        what = f"`{robot}` + {'up to ' * bool(varied)}{load:g} kg" + " crawls" * (motion == "crawl")
-        what += ", pushed" * bool(push) + {"none": ", not adapted", "known": ", known"}.get(
-            kind, ""
+    chosen = [row for row in rows if row["sensors"]]
+    chosen = [row for row in chosen if row["adaptation"] != "none" or row["varied"]]
+    keys = "robot", "load", "motion", "sensors", "push", "varied", "adaptation"
+    others, lines = {"none": ", not adapted", "known": ", known"}, []
+    for own in grouped(chosen, *keys).values():
+        row, held = own[0], [row for row in own if row["status"] == "done"]
+        what = _words(row) + ", pushed" * bool(row["push"]) + others.get(row["adaptation"], "")
+        worst = (
+            _mm(max((row[key] for row in held), default=None))
+            for key in ("largest", "last", "height")
         )
-        worst = [max((row[key] for row in held), default=None) for key in ("largest", "last")]
-        heights = max((row["height"] for row in held), default=None)
-        fell = f"{len(own) - len(held)} of {len(own)}"
-        lines.append([what, sensors, fell, *map(_mm, worst), _mm(heights)])
+        lines.append([what, row["sensors"], f"{len(own) - len(held)} of {len(own)}", *worst])
     head = ["robot, load", "sensors", "fell", "largest", "last second", "of the height"]
     return markdown(head, lines)

@@ -17,7 +17,7 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,7 +30,6 @@ from pinadapt.sweep.table import AGAIN, FIRST, LAST, CaseTable, flat_row, read
 
 from . import (
     alternatives,
-    alternatives_report,
     calibration,
     estimators,
     identification,
@@ -46,7 +45,7 @@ from . import (
     unknowns,
     whole_robots,
 )
-from .timing import HERE, table_rows
+from .shared import HERE, Row, grouped, markdown, table_rows
 
 ROOT = HERE.parent
 RUNNING = ROOT / "out" / "tables"  # rows of tables that are being measured
@@ -57,84 +56,54 @@ _MARKED = re.compile(r"(<!-- table: (\S+) -->\n\n)(.*?)(\n*<!-- end of table -->
 # --- tables of what commands of the library write ---
 
 
-def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
+def zoo(rows: Iterable[Row]) -> str:
     """Return the results of the zoo as a table in Markdown, by task."""
-    lines = [
-        "| task | chains | converged | not adapted, median | error, median | largest "
-        "| of the orientation | largest |",
-        "|---|---|---|---|---|---|---|---|",
+    lines = []
+    for task, own in grouped([row for row in rows if not row["adaptation"]], "task").items():
+        converged = sum(row["verdict"] == "converged" for row in own)
+        before, _ = _middle_and_worst(own, "unadapted")
+        both = [*_middle_and_worst(own, "adapted"), *_middle_and_worst(own, "adapted_angle")]
+        lines.append([task, len(own), converged, before, *both])
+    head = ["task", "chains", "converged", "not adapted, median", "error, median", "largest"]
+    return markdown([*head, "of the orientation", "largest"], lines)
+
+
+def _middle_and_worst(rows: Iterable[Row], key: str) -> tuple[str, str]:
+    """Return the median of an error in % of the radius or in degrees, the largest and its robot."""
+    angle = key.endswith("angle")
+    found = [
+        (math.degrees(row[key]) if angle else 100.0 * row[key] / row["radius"], row["robot"])
+        for row in rows
+        if row[key] is not None
     ]
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(row["task"], []).append(row)
-    for task, own in groups.items():
-        ran = [row for row in own if row["adapted"] is not None]
-        before, shares = (
-            [
-                (100.0 * row[key] / row["radius"], row["robot"])
-                for row in ran
-                if row[key] is not None
-            ]
-            for key in ("unadapted", "adapted")
-        )
-        angles = [
-            (math.degrees(row["adapted_angle"]), row["robot"])
-            for row in ran
-            if row["adapted_angle"] is not None
-        ]
-        cells = [
-            task,
-            str(len(own)),
-            str(sum(row["verdict"] == "converged" for row in own)),
-            _middle_and_worst(before, " %")[0],
-            *_middle_and_worst(shares, " %"),
-            *_middle_and_worst(angles, "°"),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[str, str]:
-    """Return the median, and the largest value with its robot."""
     if not found:
         return "", ""
-    largest, robot = max(found)
+    (largest, robot), unit = max(found), "°" if angle else " %"
     return f"{median(value for value, _ in found):.2g}{unit}", f"{largest:.2g}{unit} (`{robot}`)"
 
 
 # --- the pages ---
 
-
-def of(name: str, report: Callable[[list[dict[str, Any]]], str], **which: str) -> Callable[[], str]:
-    """Return a function that returns the report of the rows of a table, or of some of them."""
-    return lambda: report(
-        [row for row in table_rows(name) if all(row[key] == which[key] for key in which)]
-    )
-
-
-TABLES: dict[str, Callable[[], str]] = {
-    "alternatives": of(
-        "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
-    ),
-    "calibration": of("calibration", calibration.report),
-    "estimators": of("estimators", estimators.report),
-    "identification": of("identification", identification.report),
-    "image": of("image", image.report),
-    "lying_sensors": of("lying_sensors", lying_sensors.report, law="separation"),
-    "readme": of("readme", strangers.report),
-    "real_calibration": of("real_calibration", real_calibration.report),
-    "real_logs": of("real_logs", real_logs.report),
-    "realities_contenders": of("realities", realities.contenders),
-    "standing": of("standing", standing.report),
-    "standing_rough": of("standing", standing.rough),
-    "strangers": lambda: strangers.counts(
-        [row for row in table_rows("strangers") if "natural" not in row["run"]]
-    ),
-    "tracker": of("tracker", tracker.report),
-    "unknowns": of("unknowns", unknowns.report),
-    "whole_robots": of("whole_robots", whole_robots.report),
-    "zoo": lambda: zoo([row for row in table_rows("zoo") if not row["adaptation"]]),
-    **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
+Report = Callable[[list[dict[str, Any]]], str]
+TABLES: dict[str, tuple[str, Report]] = {  # the sweep, and what is shown of its rows
+    "alternatives": ("alternatives", alternatives.report),
+    "calibration": ("calibration", calibration.report),
+    "estimators": ("estimators", estimators.report),
+    "identification": ("identification", identification.report),
+    "image": ("image", image.report),
+    "lying_sensors": ("lying_sensors", lying_sensors.report),
+    "readme": ("readme", strangers.report),
+    "real_calibration": ("real_calibration", real_calibration.report),
+    "real_logs": ("real_logs", real_logs.report),
+    "realities_contenders": ("realities", realities.contenders),
+    "standing": ("standing", standing.report),
+    "standing_rough": ("standing", standing.rough),
+    "strangers": ("strangers", strangers.counts),
+    "tracker": ("tracker", tracker.report),
+    "unknowns": ("unknowns", unknowns.report),
+    "whole_robots": ("whole_robots", whole_robots.report),
+    "zoo": ("zoo", zoo),
+    **{name: ("scenarios", report) for name, report in scenarios.TABLES.items()},
 }
 
 
@@ -151,7 +120,8 @@ def written(text: str) -> str:
             raise InputError(
                 f"there is no table '{name}'.{did_you_mean(name, TABLES)}", where="<!--"
             )
-        return f"{found[1]}{TABLES[name]()}\n\n<!-- end of table -->"
+        sweep, report = TABLES[name]
+        return f"{found[1]}{report(table_rows(sweep))}\n\n<!-- end of table -->"
 
     return _MARKED.sub(table, text)
 
@@ -165,13 +135,12 @@ def pages() -> list[Path]:
 # --- the sweeps ---
 
 
-def measure(name: str, again: Sequence[str] | None, processes: int | None) -> None:
+def measure(name: str, again: Sequence[str] | None) -> None:
     """Run the cases of a table that have no row, and write it.
 
     Args:
         name: of the sweep file and of the table.
         again: "key=value" of cases that run again; empty: all; None: none.
-        processes: number of them; None: one a core.
 
     Raises:
         InputError: there is no such sweep, or a case failed.
@@ -187,7 +156,7 @@ def measure(name: str, again: Sequence[str] | None, processes: int | None) -> No
         rows = [] if not table.is_file() else table_rows(name)
         CaseTable(kept(plan, rows, again)).save(folder / "table.csv")
         plan.save(folder)
-    found = run_plan(plan, processes, folder, retry=True)
+    found = run_plan(plan, None, folder, retry=True)
     bad = [row for row in found.rows() if row["status"] in AGAIN]
     if bad:
         words = "\n".join(f"case {row['case']}: {row['reason']}" for row in bad)
@@ -197,9 +166,7 @@ def measure(name: str, again: Sequence[str] | None, processes: int | None) -> No
     shutil.rmtree(folder)
 
 
-def kept(
-    plan: Plan, rows: Iterable[Mapping[str, Any]], again: Sequence[str] | None
-) -> list[dict[str, Any]]:
+def kept(plan: Plan, rows: Iterable[Row], again: Sequence[str] | None) -> list[dict[str, Any]]:
     """Return the rows of cases that do not run, with their numbers and seeds in this sweep."""
     wanted = {} if again is None else dict(setting(text, "--again") for text in again)
     keys = list(dict.fromkeys(key for case in plan.cases for key in case.values))
@@ -207,19 +174,18 @@ def kept(
         if key not in keys:
             guess = did_you_mean(key, keys)
             raise InputError(f"'{key}' is not varied.{guess}", where="--again")
-    by_values = {_values(row, keys): row for row in rows}
-    found = []
+
+    def values(row: Row) -> tuple[Any, ...]:
+        return tuple("" if row.get(key) is None else row[key] for key in keys)
+
+    by_values, found = {values(row): row for row in rows}, []
     for case in plan.cases:
         flat = flat_row(case.values)
-        row = by_values.get(_values(flat, keys))
         stale = again is not None and all(str(flat[key]) == str(wanted[key]) for key in wanted)
-        if row is not None and not stale:
+        if not stale and values(flat) in by_values:
+            row = by_values[values(flat)]
             found.append({**row, **dict(zip(FIRST, (case.number, case.seed), strict=True))})
     return found
-
-
-def _values(row: Mapping[str, Any], keys: Sequence[str]) -> tuple[Any, ...]:
-    return tuple("" if row.get(key) is None else row[key] for key in keys)
 
 
 def main() -> int:
@@ -229,12 +195,11 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(SWEPT))
     parser.add_argument("--again", nargs="*", metavar="KEY=VALUE", help="also what has a row")
-    parser.add_argument("--processes", type=int, metavar="N", help="default: one per core")
     parser.add_argument("--check", action="store_true", help="write no page")
     options = parser.parse_args()
     try:
         for name in options.names:
-            measure(name, options.again, options.processes)
+            measure(name, options.again)
         changed = [path for path in pages() if written(path.read_text()) != path.read_text()]
     except InputError as error:
         print(f"benchmarks.tables: {error}", file=sys.stderr)

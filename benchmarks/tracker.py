@@ -14,9 +14,7 @@ during each 2 s.
 
 from __future__ import annotations
 
-import warnings
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,28 +24,23 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.tasks.frame import matrix, quaternion
 
-from .timing import markdown, run_errors
+from .shared import Row, grouped, markdown, quiet
+from .uncalibrated import DURATION, PERIOD, errors, in_percent, random_of, sensors_of, spoiled
 
-DURATION, PERIOD = 8.0, 2e-3  # [s]
 WAITING, NOISY = 4.0, 30.0  # [s] and [s m^2] over the reach's square, longer without a wiggle
-TOOL, LOAD, LIGHTER = 0.05, 0.05, 0.7  # of reach, mass and inertia
 TILT, MARKER = 0.3, np.array([0.5, -1.0, 0.8])  # [rad]
-SENSORS = {
-    "perfect": pa.Sensors(),
-    "camera": pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3}),
-}
+NOISE = 1e-3  # [m]
 
 
+@quiet()
 def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any]:
     """Return largest errors relative to the radius, of poses those of orientation [deg] too."""
     posed = start.startswith("pose")
     described = pa.load(robot, task="pose" if posed else None)
-    rng = np.random.default_rng(zlib.crc32(robot.encode()))
+    rng = random_of(robot)
     axis, place = rng.standard_normal(3), rng.uniform(-1.0, 1.0, 3)
     turn = np.radians(angle) * axis / np.linalg.norm(axis)
-    tool = TOOL * described.reach * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
-    load = pa.Payload(LOAD * described.mass)
-    real = described.changed(tool_translation=tool, payload=load, inertial_scale=1.0 / LIGHTER)
+    real = spoiled(described)
     real = with_marker(real) if posed else real
     circle = pa.reachable_circle(described).starting_at(real.position(real.q0))
     R = pin.exp3(turn)
@@ -65,38 +58,31 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         x_d, xd_d, xdd_d = (np.append(*each) for each in zip(seen, parts, strict=True))
         return x_d, xd_d, xdd_d
 
-    duration = DURATION
-    if start.endswith("no wiggle"):
+    duration, at_once = DURATION, start.endswith("no wiggle")
+    if at_once:
         duration += WAITING + (NOISY / described.reach**2 if sensors == "camera" else 0.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the table has the result
-        controller = pa.make_controller(
-            described, unknown=pa.Unknown(tracker=True), sensors=SENSORS[sensors], dt=PERIOD
-        )
-        rollout = pa.simulate(
-            real.seen_from(turn, place),
-            controller,
-            path,
-            duration=duration,
-            start={} if start.endswith("no wiggle") else None,
-            progress=False,
-        )
-    radius, t = circle.extent, rollout.t
-    if rollout.diverged is not None or not radius:
-        return {
-            "largest": None,
-            "last": None,
-            "status": "diverged",
-            "reason": f"at {rollout.diverged} s",
-        }
-    late = t > duration - 0.1 * DURATION
-    found = {
-        "largest": float(rollout.distance.max() / radius),
-        "last": float(rollout.distance[late].max() / radius),
-    }
+    controller = pa.make_controller(
+        described,
+        unknown=pa.Unknown(tracker=True),
+        sensors=sensors_of(sensors, NOISE),
+        dt=PERIOD,
+    )
+    rollout = pa.simulate(
+        real.seen_from(turn, place),
+        controller,
+        path,
+        duration=duration,
+        start={} if at_once else None,
+        progress=False,
+    )
+    assert circle.extent is not None
+    found, t = errors(rollout, circle.extent, duration), rollout.t
+    if rollout.diverged is not None:
+        return found
     if rollout.path_time is not None:
         found["waited"] = float(t[np.argmax(rollout.path_time > 0.0)])
     if rollout.angle is not None:
+        late = t > duration - 0.1 * DURATION
         found["turned"] = float(np.degrees(rollout.angle.max()))
         found["last_turned"] = float(np.degrees(rollout.angle[late].max()))
     return found
@@ -110,23 +96,6 @@ def with_marker(robot: pa.Robot) -> pa.Robot:
     return replace(robot, model=model)
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: the worst of arms and angles, in % of the radius, by start.
-
-    Largest error of the run and of its last tenth, of poses that of the orientation too, and the
-    time at which the path begins.
-    """
-    found = {
-        start: {
-            sensors: [row for row in rows if (row["start"], row["sensors"]) == (start, sensors)]
-            for sensors in SENSORS
-        }
-        for start in dict.fromkeys(row["start"] for row in rows)
-    }
-    lines = [[STARTS[start], *map(_worst, own.values())] for start, own in found.items()]
-    return markdown(["start", *SENSORS], lines)
-
-
 STARTS = {
     "wiggle": "excitation of 2 s first",
     "no wiggle": "at once",
@@ -135,15 +104,25 @@ STARTS = {
 }
 
 
-def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
+def report(rows: Sequence[Row]) -> str:
+    """Return a table in Markdown: the worst of arms and angles, in % of the radius, by start.
+
+    Largest error of the run and of its last tenth, of poses that of the orientation too, and the
+    time at which the path begins.
+    """
+    lines = [
+        [STARTS[start], *map(_worst, grouped(own, "sensors").values())]
+        for start, own in grouped(rows, "start").items()
+    ]
+    return markdown(["start", *grouped(rows, "sensors")], lines)
+
+
+def _worst(rows: Sequence[Row]) -> str:
     if not all(row["status"] == "done" for row in rows):
         return "lost"
-    found = {
-        key: max(row[key] for row in rows)
-        for key in ("largest", "last", "turned", "last_turned", "waited")
-        if rows and rows[0][key] is not None
-    }
-    parts = [run_errors(found)]
+    keys = ("largest", "last", "turned", "last_turned", "waited")
+    found = {key: max(row[key] for row in rows) for key in keys if rows[0][key] is not None}
+    parts = [in_percent(found)]
     if "turned" in found:
         parts.append(f"{found['turned']:.2g}° / {found['last_turned']:.2g}°")
     if "waited" in found:

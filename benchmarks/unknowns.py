@@ -7,21 +7,20 @@ robot), so that nothing but the loop itself can make a torque oscillate.
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
 import pinadapt as pa
 
-from .timing import markdown
+from .shared import COUNT, Row, grouped, markdown, quiet
 
 DURATION, DT = 2.0, 1e-3  # [s]; ringing grows within some periods of its own
-SENSORS = {"perfect": pa.Sensors(), "17 bit": pa.Sensors(encoder=2.0 * math.pi / 2**17)}
+SENSORS = {"perfect": pa.Sensors(), "17 bit": pa.Sensors(encoder=COUNT[17])}
 load = cache(pa.load)
 
 
+@quiet()  # of descriptions, and of ringing
 def measure(robot: str, unknown: str, sensors: str) -> dict[str, Any]:
     """Return the figures of one run.
 
@@ -31,40 +30,32 @@ def measure(robot: str, unknown: str, sensors: str) -> dict[str, Any]:
         sensors: "perfect" or "17 bit"; the controller knows which.
     """
     true = load(robot)
-    circle = pa.reachable_circle(true)
-    chosen = pa.Unknown() if unknown == "everything" else unknown
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of descriptions, and of ringing
-        controller = pa.make_controller(true, unknown=chosen, sensors=SENSORS[sensors], dt=DT)
-        rollout = pa.simulate(
-            true,
-            controller,
-            circle.starting_at(true.position(true.q0)),
-            duration=DURATION,
-            sensors=SENSORS[sensors],
-            progress=False,
-        )
+    controller = pa.make_controller(
+        true,
+        unknown=pa.Unknown() if unknown == "everything" else unknown,
+        sensors=SENSORS[sensors],
+        dt=DT,
+    )
+    rollout = pa.simulate(
+        true,
+        controller,
+        pa.reachable_circle(true).starting_at(true.position(true.q0)),
+        duration=DURATION,
+        sensors=SENSORS[sensors],
+        progress=False,
+    )
     found = rollout.ringing
     return {
         "lost": rollout.diverged is not None,
         "hertz": None if found is None else found.frequency,
-        "joint": None if found is None else found.joint,
-        "error": float(rollout.distance.max()),
     }
 
 
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
+def report(rows: Iterable[Row]) -> str:
     """Return how many runs ring or are lost, by unknowns and sensors."""
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["unknown"], row["sensors"]), []).append(row)
-    lines = [
-        [
-            *key,
-            str(len(own)),
-            ", ".join(row["robot"] for row in own if row["hertz"] is not None) or "none",
-            ", ".join(row["robot"] for row in own if row["lost"]) or "none",
-        ]
-        for key, own in groups.items()
-    ]
+    lines = []
+    for key, own in grouped(rows, "unknown", "sensors").items():
+        ring = [row["robot"] for row in own if row["hertz"] is not None]
+        lost = [row["robot"] for row in own if row["lost"]]
+        lines.append([*key, len(own), *(", ".join(names) or "none" for names in (ring, lost))])
     return markdown(["unknown", "sensors", "chains", "ring", "lost"], lines)

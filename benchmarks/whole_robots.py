@@ -8,9 +8,8 @@ see ``find_swing``, at 1 kHz. Nothing is chosen by robot.
 
 from __future__ import annotations
 
-import warnings
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,12 @@ from pinadapt.robot.motors import overloaded
 from pinadapt.robot.workspace import find_swing
 from pinadapt.scenario.template import FRICTION
 
-from .timing import markdown
+from .shared import Row, markdown, quiet
 
 DURATION = 4.0  # [s]: half of the slowest sine; twice: less than half of the error at the end
 
 
+@quiet()
 def measure(robot: str, adaptation: str = "natural") -> dict[str, Any]:
     """Return the figures of one run.
 
@@ -36,16 +36,13 @@ def measure(robot: str, adaptation: str = "natural") -> dict[str, Any]:
         robot: a name of example-robot-data.
         adaptation: of inertias and friction; "none".
 
-    The errors are norms over all joints [rad, slides m]: the largest of the run, and that of the
-    last second. A robot that is refused has the reason alone.
+    The error is a norm over all joints [rad, slides m], the largest of the last second. A robot
+    that is refused has the reason alone.
     """
-    found = dict.fromkeys(("joints", "motors", "largest", "last", "step", "refused"))
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return found | _measured(robot, adaptation)
+        return _measured(robot, adaptation)
     except PinadaptError as error:
-        return found | {"refused": str(error)}
+        return {"refused": str(error)}
 
 
 def _measured(name: str, adaptation: str) -> dict[str, Any]:
@@ -72,12 +69,11 @@ def _measured(name: str, adaptation: str) -> dict[str, Any]:
     found = {"joints": described.model.nv, "motors": int(described.motors.sum())}
     if rollout.diverged is not None:
         return {**found, "refused": f"diverged after {rollout.diverged:.2f} s: {rollout.reason}"}
-    t, error = rollout.t, rollout.distance
-    last = float(error[t > t[-1] - 1.0].max())
-    return {**found, "largest": float(error.max()), "last": last, "step": rollout.step_time}
+    last = float(rollout.distance[rollout.t > rollout.t[-1] - 1.0].max())
+    return {**found, "last": last, "step": rollout.step_time}
 
 
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
+def report(rows: Iterable[Row]) -> str:
     """Return the table: the errors of each robot, largest of the last second; the step."""
     runs = {(row["robot"], row["adaptation"]): row for row in rows}
     lines = []

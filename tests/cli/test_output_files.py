@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import signal
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from pinadapt._output import UNFINISHED, one_run, write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.run import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.simulation.simulate import record
+from tests.cli.test_interrupted import interrupt
 from tests.support.loops import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -110,12 +109,8 @@ def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch):
-    def killed(stream, indices, *options):
-        kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
-        return record(stream, (k for k in indices if kill(k)), *options)
-
     assert main(command(tmp_path, "--no-html", title="first")) == 0
-    monkeypatch.setattr(sys.modules["pinadapt.simulation.simulate"], "record", killed)
+    interrupt(monkeypatch, lambda: os.kill(os.getpid(), signal.SIGKILL))
     second = command(tmp_path, steps=100, title="second")
     assert os.WTERMSIG(forked(lambda: main(second))) == signal.SIGKILL
     assert json.loads((tmp_path / "summary.json").read_text())["title"] == "first"

@@ -23,12 +23,6 @@ def test_chains_have_the_stated_number_of_joints():
     assert counted == {entry.name: entry.joints for entry in entries}
 
 
-def test_loaders_exist():
-    from example_robot_data.robots_loader import ROBOTS
-
-    assert {entry.origin for entry in pa.catalogue().values() if entry.urdf is None} <= set(ROBOTS)
-
-
 LIMBS = [  # name, joints, first and last of them
     ("double_pendulum_simple", 2, "joint1", "joint2"),
     ("icub_right_leg", 6, "r_hip_pitch", "r_ankle_roll"),

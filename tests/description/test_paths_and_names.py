@@ -1,23 +1,12 @@
 """One rule distinguishes paths from names, in the library, scenarios and `init`."""
 
-from pathlib import Path
-
 import pytest
 
 import pinadapt as pa
 from pinadapt.cli.command_line import main
-from pinadapt.description.urdf import is_path
 from pinadapt.scenario.scenario import Scenario
 from tests.support.descriptions import TRIANGLE
 from tests.support.paths import ARM4
-
-PATHS = ["arm.urdf", "arm.xml", "arm.urdf.xacro", "./arm", "arms/arm", Path("arm")]
-NAMES = ["ur5", "arm", "urdf", "arm.toml"]
-
-
-def test_paths_are_distinguished_from_names():
-    assert all(is_path(source) for source in PATHS)
-    assert not any(is_path(source) for source in NAMES)
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,6 @@ PERIOD = 2e-3  # of the arms of the pages
 JOINTS, GAINS = ["joint1", "joint2"], {"p": 600.0, "d": 60.0}
 
 
-def module(monkeypatch, name, **things):
-    """Put a module with these attributes in place of one that is not installed."""
-    made = ModuleType(name)
-    vars(made).update(things)
-    monkeypatch.setitem(sys.modules, name, made)
-
-
 def loaded(name, thing):
     """Return an object that a file of the documentation defines."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "arms" / f"{name}.py")
@@ -32,7 +25,8 @@ def loaded(name, thing):
     return getattr(found, thing)
 
 
-SAFE = {
+PARAMETERS = {
+    "update_rate": 500,
     "command_interfaces": ["effort"],
     "cmd_timeout": 0.05,
     "constraints.goal_time": 0.0,
@@ -48,15 +42,13 @@ class Manager:
     holds the place where the arm is.
 
     Attributes:
-        parameters: by node.
         efforts: commanded, one of each cycle.
         running: nodes that are not destroyed yet.
     """
 
     def __init__(self):
         self.plant = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD)
-        self.parameters = {"/controller_manager": {"update_rate": 500}, "/arm": dict(SAFE)}
-        self.efforts, self.running, self.point = [], [], None
+        self.efforts, self.running, self.point = [np.zeros(2)], [], None
 
     def receive(self, message):
         (self.point,) = message.points
@@ -64,12 +56,12 @@ class Manager:
 
     def update(self):
         """Run one cycle and return the joint state that is published, in alphabetical order."""
-        m = self.plant.read()
+        m, zero = self.plant.read(), np.zeros(2)
         if self.point is None:
-            self.point = SimpleNamespace(positions=m.q, velocities=self.zero, effort=self.zero)
+            self.point = SimpleNamespace(positions=m.q, velocities=zero, effort=zero)
         point, p, d = self.point, GAINS["p"], GAINS["d"]
         effort = point.effort + p * (point.positions - m.q) + d * (point.velocities - m.v)
-        before = self.efforts[-1] if self.efforts else self.zero
+        before = self.efforts[-1]
         self.efforts.append(effort)
         self.plant.send(effort)
         stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
@@ -80,8 +72,6 @@ class Manager:
             velocity=m.v[::-1],
             effort=before[::-1],
         )
-
-    zero = np.zeros(2)
 
 
 @pytest.fixture
@@ -101,18 +91,12 @@ def ros(monkeypatch):
         def destroy_node(self):
             manager.running.remove(self)
 
-    class AsyncParameterClient:
-        def __init__(self, node, name):
-            self.found = manager.parameters.get(name)
-
-        def wait_for_services(self, timeout):
-            return self.found is not None
-
-        def get_parameters(self, names):  # one that is not declared: none at all
-            known = set(names) <= set(self.found)
-            values = [self.found[name] for name in names] if known else []
-            result = SimpleNamespace(values=values)
+    def client(node, name):
+        def get_parameters(names):
+            result = SimpleNamespace(values=[PARAMETERS[name] for name in names])
             return SimpleNamespace(done=lambda: True, result=lambda: result)
+
+        return SimpleNamespace(wait_for_services=bool, get_parameters=get_parameters)
 
     def create_node(name):
         manager.running.append(Node())
@@ -124,46 +108,40 @@ def ros(monkeypatch):
     def message(name):
         return type(name, (SimpleNamespace,), {})
 
-    module(
-        monkeypatch,
-        "rclpy",
-        init=lambda: None,
-        create_node=create_node,
-        shutdown=lambda: None,
-        spin_once=spin_once,
-        spin_until_future_complete=lambda node, future, timeout_sec: None,
-    )
-    module(monkeypatch, "rclpy.parameter", parameter_value_to_python=lambda value: value)
-    module(monkeypatch, "rclpy.parameter_client", AsyncParameterClient=AsyncParameterClient)
-    module(monkeypatch, "sensor_msgs", msg=None)
-    module(monkeypatch, "sensor_msgs.msg", JointState=message("JointState"))
-    module(monkeypatch, "trajectory_msgs", msg=None)
-    kinds = {name: message(name) for name in ("JointTrajectory", "JointTrajectoryPoint")}
-    module(monkeypatch, "trajectory_msgs.msg", **kinds)
+    kinds = ("JointTrajectory", "JointTrajectoryPoint")
+    modules = {
+        "rclpy": {
+            "init": lambda: None,
+            "create_node": create_node,
+            "shutdown": lambda: None,
+            "spin_once": spin_once,
+            "spin_until_future_complete": lambda node, future, timeout_sec: None,
+        },
+        "rclpy.parameter": {"parameter_value_to_python": lambda value: value},
+        "rclpy.parameter_client": {"AsyncParameterClient": client},
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"JointState": message("JointState")},
+        "trajectory_msgs": {},
+        "trajectory_msgs.msg": {name: message(name) for name in kinds},
+    }
+    for name, things in modules.items():
+        made = ModuleType(name)
+        vars(made).update(things)
+        monkeypatch.setitem(sys.modules, name, made)
     return manager
-
-
-def joints():
-    """Return a controller of joints, for arms without a camera."""
-    described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])
-    return pa.make_controller(described, dt=PERIOD, adaptation="natural")
-
-
-def hold(of, on, stage="hold", motion=None, seconds=0.2):
-    """Return the ending of a hold of the joints, or of another stage, without a wall clock."""
-    on.facts = replace(on.facts, clock="simulated")
-    safety = Safety(late=10**6, stale=10**6)
-    loop = RealtimeLoop(
-        on, of, motion, stage=stage, safety=safety, scheduling=ORDINARY, say=lambda words: None
-    )
-    with on:
-        return loop.run(seconds)
 
 
 def test_the_node_of_ros_drives_an_arm(ros):
     on = loaded("ros2", "RosArm")("/arm", robot())
     assert on.facts.period == PERIOD
-    ending = hold(joints(), on)
+    described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])  # without a camera
+    of = pa.make_controller(described, dt=PERIOD, adaptation="natural")
+    on.facts = replace(on.facts, clock="simulated")
+    safety = Safety(late=10**6, stale=10**6)
+    with on:
+        ending = RealtimeLoop(
+            on, of, None, stage="hold", safety=safety, scheduling=ORDINARY, say=lambda words: None
+        ).run(0.2)
     assert not ending.failed and len(ros.efforts) > 100 and not ros.running
     assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3
     assert not ros.point.effort[0] and not any(ros.point.velocities)  # by its own gains from now on

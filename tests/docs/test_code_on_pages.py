@@ -61,7 +61,8 @@ def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     scope = {}
     with pytest.warns(UserWarning, match="not physical"):  # TIAGo's shoulders
-        exec(several.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
+        shorter = several.replace("duration=2.0", "duration=1.0")
+        exec(shorter.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
     assert scope["rollout"].distance[-100:].max() < 1e-5
     true, frames = scope["true"], [f"{frame}_learned" for frame in scope["robot"].frames]
     learned = pa.load(tmp_path / "learned.urdf", frames=frames)
@@ -70,9 +71,28 @@ def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
     assert scope["rollout"].distance[-100:].max() < 5e-4
     learned = pa.load(tmp_path / "learned.urdf", base="free", contacts=scope["feet"])
     assert learned.model.inertias[6].mass == pytest.approx(11.0, rel=0.02)
-    exec(steps.replace("duration=3.0", "duration=1.5"), scope)
+    exec(steps.replace("duration=3.0", "duration=0.9"), scope)
     assert scope["rollout"].distance[-100:].max() < 5e-4
     exec(linkage, scope)
     assert "True False  True False" in capsys.readouterr().out
     exec(grasp, scope)
     assert scope["arms"].constraints[-1] == scope["grasp"]
+
+
+def test_the_code_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    """The second and third block follow the first one's imports; nothing has moved in the third."""
+    monkeypatch.chdir(tmp_path)
+    lines, stands, load = blocks("../README")
+    scope = {}
+    exec(lines.replace("4 * circle.period", "0.2 * circle.period"), scope)
+    rollout = scope["rollout"]
+    assert rollout.diverged is None
+    assert rollout.summary()["max_error_last"] < 1e-4
+    assert "error, last 10 %" in capsys.readouterr().out
+    assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
+    scope = {"pa": pa}
+    exec(stands.replace("duration=3.0", "duration=0.5"), scope)
+    assert scope["true"].mass == pytest.approx(scope["robot"].mass + 6.0)
+    assert "follows" in capsys.readouterr().out
+    exec("\n".join([*lines.splitlines()[:4], load]), {})
+    assert "load" in capsys.readouterr().out

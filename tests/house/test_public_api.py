@@ -9,16 +9,12 @@ import pinadapt as pa
     ("make", "junk", "field"),
     [
         (pa.Payload, {"mass": -1.0}, "payload.mass"),
-        (pa.Friction, {"viscous": -1.0}, "friction.viscous"),
         (pa.Limits, {"box": -1.0}, "limits.box"),
         (pa.Limits, {"guards": {"positon": False}}, "limits.guards"),
         (pa.Unknown, {"bodies": 3}, "unknown.bodies"),
         (pa.Engine, {"plant": "mujco"}, "engine.plant"),
-        (pa.Camera, {"rate": -1.0}, "camera.rate"),
         (pa.Sensors, {"camera": {"rate": 30.0}}, "sensors.camera"),
         (pa.Events, {"changes": {-1.0: None}}, "events.changes"),
-        (pa.trajectories.Circle, {"radius": -1.0}, "trajectory.radius"),
-        (pa.robot.Actuators, {"delay": -1.0}, "actuators.delay"),
         (pa.robot.Shaft, {"joints": (0, 0)}, "shafts.joints"),
     ],
 )

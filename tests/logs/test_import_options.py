@@ -35,10 +35,9 @@ def read(source, robot, **intake):
         return pa.read_log(source, robot, intake=intake)
 
 
-def rows_of(columns, *, header=True):
-    """Return lines of a text file with columns (N, k), named or not."""
-    lines = [",".join(repr(float(x)) for x in row) for row in np.column_stack(columns)]
-    return "\n".join(lines) + "\n"
+def samples(log, chosen):
+    """Return a log with other samples."""
+    return replace(log, **{part: getattr(log, part)[chosen] for part in ("t", "q", "v", "tau")})
 
 
 # Columns, times, files
@@ -47,7 +46,8 @@ def rows_of(columns, *, header=True):
 @pytest.mark.parametrize(("signals", "timed"), [("q tau", True), ("q v tau", False)])
 def test_columns_of_a_file_without_header_are_numbered(tmp_path, robot, log, signals, timed):
     path, signals = tmp_path / "a.csv", signals.split()
-    path.write_text(rows_of([*([log.t] * timed), *(getattr(log, s) for s in signals)]))
+    columns = [*([log.t] * timed), *(getattr(log, s) for s in signals)]
+    np.savetxt(path, np.column_stack(columns), "%.17g", ",")
     options = {} if timed else {"rate": 250.0}
     with pytest.raises(pa.LogError, match=r"no joint positions found.*q=2-8"):
         pa.read_log(path, robot, intake=options)
@@ -69,16 +69,6 @@ def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
         pa.read_log(path, robot)
     assert same(read(replace(log, t=log.t**1.1), robot, rate=250.0), log)
     assert same(read(write_csv(tmp_path / "2.csv", jitter), robot), log, ("q", "v", "tau"))
-
-
-class Part:
-    """A part of a log, by its samples."""
-
-    def __init__(self, log, samples):
-        """Take the samples."""
-        self.t, self.q, self.v, self.tau = (
-            getattr(log, s)[samples] for s in ("t", "q", "v", "tau")
-        )
 
 
 # Joints
@@ -142,11 +132,11 @@ def test_repeated_samples_are_refused_or_left_out(robot, log):
     rng = np.random.default_rng(0)
     again = np.arange(len(log.t)) - (rng.uniform(size=len(log.t)) < 0.2)
     again = np.maximum(again, 0)
-    held = replace(log, q=log.q[again], v=log.v[again], tau=log.tau[again])
+    held = replace(samples(log, again), t=log.t)
     with pytest.raises(pa.LogError, match=r"samples repeat the one before.*--repeated drop"):
         pa.read_log(held, robot)
     twice = np.sort(np.append(np.arange(len(log.t)), np.arange(0, len(log.t), 5)))
-    doubled = replace(log, **{part: getattr(log, part)[twice] for part in ("t", "q", "v", "tau")})
+    doubled = samples(log, twice)
     with pytest.raises(pa.LogError, match=r"times must ascend.*--repeated drop"):
         pa.read_log(doubled, robot)
     with pytest.warns(UserWarning, match="of 450 samples repeat earlier ones"):
@@ -154,14 +144,8 @@ def test_repeated_samples_are_refused_or_left_out(robot, log):
     with pytest.warns(UserWarning, match="repeat earlier ones"):
         found = pa.read_log(held, robot, intake={"repeated": "drop"})
     kept = np.append(True, again[1:] != again[:-1])
-    assert same(found, Part(held, kept))
-    still = replace(
-        log,
-        **{
-            part: getattr(log, part)[np.maximum(np.arange(len(log.t)), 100)]
-            for part in ("q", "v", "tau")
-        },
-    )
+    assert same(found, samples(held, kept))
+    still = replace(samples(log, np.maximum(np.arange(len(log.t)), 100)), t=log.t)
     pa.read_log(still, robot)  # an arm at rest repeats itself
 
 

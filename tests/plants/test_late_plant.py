@@ -21,20 +21,6 @@ def ending(plant, torques, dt):
     return np.concatenate([last.q, last.v, [last.t]])
 
 
-@pytest.mark.parametrize(("delay", "whole"), [(0.0, 0), (3e-3, 3)])
-def test_torques_arrive_after_the_delay(delay, whole):
-    robot, dt = catalogue_robot("ur5"), 1e-3
-    torques = 5.0 * np.random.default_rng(0).standard_normal((30, 6))
-    late = late_plant(robot, delay)
-    arrived = np.vstack([*[torques[:1]] * whole, torques])[: len(torques)]
-    assert np.allclose(
-        ending(late, torques, dt),
-        ending(pa.plants.PinocchioPlant(robot), arrived, dt),
-        rtol=1e-12,
-        atol=1e-12,
-    )
-
-
 def test_every_joint_has_its_own_delay():
     """Joints with one delay move as their own torques arrive: checked against torques shifted."""
     robot, dt = catalogue_robot("ur5"), 1e-3

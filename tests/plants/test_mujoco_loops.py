@@ -51,10 +51,3 @@ def test_without_coulomb_friction_the_paths_agree_to_a_micrometre(name, settings
     ours, theirs = (run(name, engine, *settings)[1] for engine in ENGINES)
     assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6)
     assert np.linalg.norm(ours.error[:, :3], axis=1).max() > 2e-3
-
-
-def test_unknown_rotors_and_damping_are_tolerated():
-    friction = "truth.friction={viscous=1.0, coulomb=0.5}"
-    settings = ("simulation.duration=3.0", MOVING, "truth.armature=0.1", friction, TWO_MS, NATURAL)
-    _, rollout = run(PANDA, "mujoco", *settings)
-    assert rollout.summary()["max_error_last"] < 0.5e-3

@@ -45,39 +45,6 @@ def check_alike(one, other, atol):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_torques_inertia_and_jacobian_are_those_of_pinocchio(name):
-    rng, robot = np.random.default_rng(0), robot_named(name)
-    robot = robot.changed(
-        armature=robot.model.armature + rng.uniform(0.0, 0.1, robot.model.nv),
-        viscous=rng.uniform(0.1, 1.0, robot.model.nv),
-    )
-    plant, model, data = pa.plants.MujocoPlant(robot), robot.model, robot.model.createData()
-    own, theirs = plant.model, mujoco.MjData(plant.model)
-    own.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    assert own.nv == model.nv
-    for _ in range(5):
-        angles = rng.uniform(-2.0, 2.0, model.nv)
-        q, (v, a) = pin.integrate(model, pin.neutral(model), angles), rng.normal(size=(2, model.nv))
-
-        def inverse(a, at=angles, v=v):
-            theirs.qpos[:], theirs.qvel[:], theirs.qacc[:] = at, v, a
-            mujoco.mj_inverse(own, theirs)
-            return theirs.qfrc_inverse.copy()
-
-        torque = pin.rnea(model, data, q, v, a) + robot.friction.torque(v)
-        scale = np.abs(torque).max()
-        assert np.allclose(inverse(a), torque, rtol=0.0, atol=1e-12 * scale)
-        M = np.array([inverse(e) - inverse(0.0 * e) for e in np.eye(model.nv)])
-        assert np.allclose(M, pin.crba(model, data, q), rtol=0.0, atol=1e-12 * scale)
-        J, frame = np.empty((6, model.nv)), model.frames[robot.frame_id]
-        pin.computeJointJacobians(model, data, q)
-        ours = pin.getFrameJacobian(model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
-        point = pin.updateFramePlacement(model, data, robot.frame_id).translation
-        mujoco.mj_jac(own, theirs, J[:3], J[3:], point, frame.parentJoint)
-        assert np.allclose(J, ours, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
 def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
     """MuJoCo's method of Runge and Kutta against the equation of motion of Pinocchio."""
     robot = robot_named(name)
@@ -100,17 +67,6 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
 
 
 # --- friction, stops and motors ---
-
-
-def test_coulomb_friction_of_a_moving_joint_is_that_of_pinocchio():
-    robot = load("panda").changed(coulomb=0.5, viscous=0.5)
-    weight = pa.robot.Gravity(robot)(robot.q0)
-    ends = [
-        drive(plant, lambda t: weight + 8.0, 0.1)
-        for plant in (pa.plants.MujocoPlant(robot), pa.plants.PinocchioPlant(robot))
-    ]
-    assert (ends[0].v > 5 * robot.friction.threshold).all()
-    assert np.allclose(ends[0].v, ends[1].v, rtol=1e-2)
 
 
 def test_stops_hold_joints_at_full_torque():

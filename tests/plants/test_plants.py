@@ -59,55 +59,7 @@ def test_a_loop_runs_on_a_custom_plant():
     assert again.t == 0.0 and again.truth.q[0] == 0.4  # a run resets its plant
 
 
-def test_measurements_agree_with_the_motion():
-    plant = pa.plants.PinocchioPlant(load("panda"))
-    torque = np.linspace(5.0, 1.0, 7)
-    m = plant.measure()
-    a = plant.acceleration_at(m.q, m.v, torque)
-    plant.step(torque, 1e-4)
-    now = plant.measure()
-    assert now.t == 1e-4 and np.allclose(now.v, 1e-4 * a, rtol=2e-2)
-    assert np.allclose(now.x, plant.robot.position(now.q))
-    plant.reset()
-    assert plant.measure().t == 0.0 and np.array_equal(plant.measure().q, plant.robot.q0)
-
-
 # --- integration ---
-
-
-def swing(robot, seconds, dt):
-    """Let a robot go from a random state, torque zero; return velocities and energies."""
-    model, data, step = robot.model, robot.model.createData(), FittedMidpoint(robot)
-    q, v, _ = random_state(robot, np.random.default_rng(0))
-    velocities, energies = [], []
-    for _ in range(round(seconds / dt)):
-        velocities.append(v)
-        energies.append(pin.computeMechanicalEnergy(model, data, q, v))
-        q, v = step(q, v, np.zeros(model.nv), dt)
-    return np.array(velocities), np.array(energies)
-
-
-@pytest.mark.parametrize("name", ["scara", "kinova"])
-def test_a_free_frictionless_robot_conserves_energy(name):
-    velocities, energies = swing(load(name), 0.3, 2e-5)
-    assert np.abs(velocities - velocities[0]).max() > 0.1
-    assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
-
-
-@pytest.mark.parametrize(
-    ("name", "friction"),
-    [
-        ("scara", {"viscous": 0.5}),
-        ("panda", {"coulomb": 0.5}),
-    ],
-)
-def test_friction_dissipates_the_expected_energy(name, friction):
-    robot = load(name).changed(**friction)
-    velocities, energies = swing(robot, 0.3, 5e-4)
-    power = np.array([v @ robot.friction.torque(v) for v in velocities])
-    assert (np.diff(energies) < 0.0).all()
-    lost = 5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
-    assert np.isclose(energies[0] - energies[-1], lost, rtol=1e-2)
 
 
 @pytest.mark.parametrize("name", ["scara", "kinova"])

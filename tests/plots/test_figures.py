@@ -29,7 +29,7 @@ def test_every_panel_has_a_legend_that_covers_no_curve():
             assert box.x1 <= figure.bbox.x1 + 1.0
 
 
-def test_a_panel_of_many_parameters_shows_those_that_change_most():
+def test_panels_show_the_parameters_that_change_most_and_grey_what_is_not_identified():
     rollout, figures = drawn("panda")
     (inertia,) = [ax for ax in figures.parameters.axes if "inertia [kg m" in ax.get_ylabel()][:1]
     shown = [line for line in inertia.lines if line.get_linestyle() == "-"]
@@ -38,10 +38,6 @@ def test_a_panel_of_many_parameters_shows_those_that_change_most():
     )
     assert np.allclose(np.sort([np.ptp(line.get_ydata()) for line in shown]), changes[-10:])
     assert "the 10 of 42 that change most" in inertia.get_legend().get_title().get_text()
-
-
-def test_parameters_that_the_motion_does_not_identify_by_themselves_are_grey():
-    rollout, figures = drawn("panda")
     lines = [line for ax in figures.parameters.axes for line in ax.lines]
     grey = {line.get_label() for line in lines if line.get_color() == GREY} - {"_child"}
     named = {name for name in grey if not name.startswith("_")}

@@ -13,7 +13,7 @@ from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
 from tests.support.franka_server import MASS, TOOL, Franka
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("forked")]
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 pytest.importorskip("franky_sim", reason="franky-sim is not installed")
 from pinadapt.realtime.franka import FrankaArm  # noqa: E402

@@ -34,8 +34,7 @@ class Motors(threading.Thread):
     def __init__(self, channel):
         super().__init__(daemon=True)
         self.bus = can.Bus(interface="virtual", channel=channel, fd=True)
-        self.plant = pa.plants.PinocchioPlant(robot())
-        self.torque = np.zeros(2)
+        self.plant, self.torque = pa.plants.PinocchioPlant(robot()), np.zeros(2)
         self.braked, self.fault, self.count = set(), 0, 0
         self.begun, self.running = False, True
         self.start()
@@ -44,26 +43,21 @@ class Motors(threading.Thread):
         message = None
         while self.running or message is not None:
             message = self.bus.recv(0.2)
-            if message is not None:
-                self.answer(message)
+            for k, motor in enumerate(MOTORS):
+                if message is not None and message.arbitration_id & 0x7F == motor.id:
+                    self.answer(k, motor, message)
         self.bus.shutdown()
 
-    def answer(self, message):
-        ids = [motor.id for motor in MOTORS]
-        if message.arbitration_id & 0x7F not in ids:
-            return
-        k = ids.index(message.arbitration_id & 0x7F)
-        said = moteus.parse_registers(bytes(message.data))
-        mode = said.command.get(moteus.Register.MODE)
-        if mode == moteus.Mode.BRAKE:
+    def answer(self, k, motor, message):
+        said, names = moteus.parse_registers(bytes(message.data)), moteus.Register
+        gear = motor.sign * motor.ratio
+        if said.command.get(names.MODE) == moteus.Mode.BRAKE:
             self.braked.add(k)
-        torque = said.command.get(moteus.Register.COMMAND_FEEDFORWARD_TORQUE)
+        torque = said.command.get(names.COMMAND_FEEDFORWARD_TORQUE)
         if torque is not None:
-            assert said.command[moteus.Register.COMMAND_KP_SCALE] == 0.0
-            assert math.isnan(said.command[moteus.Register.COMMAND_POSITION])
-            motor = MOTORS[k]
-            self.torque[k] = motor.sign * motor.ratio * motor.torque * torque
-            self.begun = True
+            assert said.command[names.COMMAND_KP_SCALE] == 0.0
+            assert math.isnan(said.command[names.COMMAND_POSITION])
+            self.torque[k], self.begun = gear * motor.torque * torque, True
         if not message.arbitration_id & 0x8000:
             return
         if k == 0:
@@ -71,34 +65,25 @@ class Motors(threading.Thread):
             if self.begun:
                 self.plant.step(self.torque, PERIOD)
         time.sleep(3e-4 * k)
-        self.bus.send(self.reply(k, message, said.query))
-
-    def reply(self, k, message, query):
-        """Return the registers of a motor."""
-        seen, motor = self.plant.measure(), MOTORS[k]
-        turns = motor.sign * motor.ratio / (2.0 * np.pi)
-        names = moteus.Register
+        seen, fault = self.plant.measure(), self.fault if k == 0 else 0
         values = {
-            names.MODE: 1 if self.fault and k == 0 else 10,
-            names.POSITION: turns * (seen.q[k] - motor.offset),
-            names.VELOCITY: turns * seen.v[k],
-            names.TORQUE: self.torque[k] / (motor.sign * motor.ratio * motor.torque),
+            names.MODE: 1 if fault else 10,
+            names.POSITION: gear / (2.0 * np.pi) * (seen.q[k] - motor.offset),
+            names.VELOCITY: gear / (2.0 * np.pi) * seen.v[k],
+            names.TORQUE: self.torque[k] / (gear * motor.torque),
             names.VOLTAGE: 48,
             names.TEMPERATURE: 30,
-            names.FAULT: self.fault if k == 0 else 0,
+            names.FAULT: fault,
         }
         data = b""
-        for register, kind in query:
-            value = values[register]
-            coded = struct.pack("<f", value) if kind == 3 else struct.pack("<b", int(value))
-            data += bytes([0x20 | kind << 2 | 1, register]) + coded
-        size = next(size for size in SIZES if size >= len(data))
-        return can.Message(
-            arbitration_id=motor.id << 8 | message.arbitration_id >> 8 & 0x7F,
-            is_extended_id=True,
-            data=data + b"\x50" * (size - len(data)),
-            is_fd=True,
-        )
+        for register, kind in said.query:
+            data += bytes([0x20 | kind << 2 | 1, register])
+            data += struct.pack("<f" if kind == 3 else "<b", values[register])
+        reply = {
+            "arbitration_id": motor.id << 8 | message.arbitration_id >> 8 & 0x7F,
+            "data": data.ljust(next(size for size in SIZES if size >= len(data)), b"\x50"),
+        }
+        self.bus.send(can.Message(is_extended_id=True, is_fd=True, **reply))
 
 
 @pytest.fixture
@@ -113,8 +98,9 @@ def motors(request):
 def arm_of(request, nodes, motors=MOTORS, timeout=2.0):
     """Return the arm of some motors, whose clock counts their periods."""
     options = {"interface": "virtual", "channel": request.node.name, "period": PERIOD}
-    clock = lambda: nodes.count * PERIOD  # noqa: E731
-    return MoteusArm(robot(), motors, timeout=timeout, clock=clock, **options)
+    arm = MoteusArm(robot(), motors, timeout=timeout, clock=lambda: nodes.count * PERIOD, **options)
+    arm.facts = replace(arm.facts, clock="simulated")  # it counts queries
+    return arm
 
 
 @pytest.fixture
@@ -123,31 +109,14 @@ def on(request, motors):
     return arm_of(request, motors)
 
 
-def drive(arm, stage="hold", seconds=0.3, each=None):
+def drive(arm, stage="hold", seconds=0.3):
     """Return the ending of a run, and its messages."""
     described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])
     controller = pa.make_controller(described, dt=PERIOD, adaptation="natural")
-    swing = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0)
-    said, read, count = [], arm.read, iter(range(10**9))
-    arm.facts = replace(arm.facts, clock="simulated")  # it counts queries
-
-    def reading():
-        if each is not None:
-            each(next(count))
-        return read()
-
-    arm.read = reading
+    swing, said = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0), []
+    options = {"safety": Safety(late=10**6), "scheduling": ORDINARY, "say": said.append}
     with arm:
-        loop = RealtimeLoop(
-            arm,
-            controller,
-            swing,
-            stage=stage,
-            safety=Safety(late=10**6),
-            scheduling=ORDINARY,
-            say=said.append,
-        )
-        return loop.run(seconds), said
+        return RealtimeLoop(arm, controller, swing, stage=stage, **options).run(seconds), said
 
 
 def test_the_table_turns_counts_into_angles(on, motors):
@@ -173,12 +142,15 @@ def test_a_motion_is_followed_and_ends_in_brakes(on, motors):
     assert np.abs(motors.plant.measure().q - robot().q0).max() > 5e-3
 
 
-def test_a_faulty_motor_stops_the_others(on, motors):
-    def fault(count):
-        if count == 100:
-            motors.fault = 33
+def test_a_faulty_motor_stops_the_others(on, motors, monkeypatch):
+    read = on.read
 
-    ending, _ = drive(on, seconds=9.0, each=fault)
+    def fault():
+        motors.fault = 33 * (motors.count > 100)
+        return read()
+
+    monkeypatch.setattr(on, "read", fault)
+    ending, _ = drive(on, seconds=9.0)
     assert ending.failed and "the motor of joint1 has fault 33" in ending.reason
 
 

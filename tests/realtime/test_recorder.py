@@ -97,15 +97,11 @@ def test_every_cycle_is_in_the_log(run):
     assert ending.reason == "interrupt: Ctrl-C or a signal" and not ending.failed
 
 
-def test_a_replay_gives_the_same_torques_bit_for_bit(run):
-    path, of, *_ = run
-    found = CycleLog.read(path).replay(of)
-    assert found.same and len(found.torque) > 200 and not found.difference.any()
-
-
-def test_a_replay_by_another_controller_shows_its_torques(run):
+def test_a_replay_gives_the_same_torques_bit_for_bit_and_those_of_another_controller(run):
     path, of, *_ = run
     log = CycleLog.read(path)
+    found = log.replay(of)
+    assert found.same and len(found.torque) > 200 and not found.difference.any()
     for other in (
         pa.make_controller(robot(), dt=PERIOD, adaptation="none", sensors=of.sensors),
         pa.make_controller(robot(), dt=PERIOD, adaptation="natural", Kv=5.0, sensors=of.sensors),
@@ -150,6 +146,7 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
                 seen.append(tell(recorder.port, "state", timeout=20.0)["cycle"])
                 time.sleep(0.1)
                 os.kill(recorder.pid, signal.SIGKILL)
+                recorder._process.join(60.0)  # a busy machine may let it live on for long
             return m
 
         loop = Loop(faulty(kill), recorder=recorder, seconds=60.0)

@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, Safety
-from tests.support.arms import PERIOD, Loop, arm, controller, faulty, robot
+from tests.support.arms import PERIOD, Loop, arm, faulty, robot
 
 
 def ended(loop):
@@ -22,10 +22,12 @@ def test_a_good_run_finds_nothing():
     assert not loop.loop.result.failed and len(loop.said) == 4
 
 
-def test_a_joint_that_is_too_fast_starts_damping():
-    loop = Loop(safety=Safety(velocity=1e-3))
-    reason, phases = ended(loop)
-    assert reason.startswith("velocity: ") and phases == ["running", "damping", "stopped"]
+@pytest.mark.parametrize(
+    ("limit", "words"), [({"velocity": 1e-3}, "velocity: "), ({"error": 1e-5}, "error: coordinate")]
+)
+def test_a_joint_that_is_too_fast_and_a_large_error_start_damping(limit, words):
+    reason, phases = ended(Loop(safety=Safety(**limit)))
+    assert reason.startswith(words) and phases == ["running", "damping", "stopped"]
 
 
 def test_a_joint_brakes_before_its_stop():
@@ -54,17 +56,6 @@ def test_the_frame_stays_in_its_box():
     assert reason.startswith("workspace: coordinate ")
     with pytest.raises(pa.InputError, match=r"safety.box: has 3 coordinates; the task has 2"):
         Loop(safety=Safety(box=np.array([[0.0] * 3, [1.0] * 3])))
-
-
-def test_an_error_that_is_too_large_is_damped():
-    reason, phases = ended(Loop(safety=Safety(error=1e-5)))
-    assert phases[1] == "damping" and "error: coordinate" in reason
-
-
-def test_a_motor_that_stays_at_its_limit_holds_the_path():
-    of = controller(limits=pa.Limits(torque=[35.0, 10.0]))
-    reason, _ = ended(Loop(of=of, safety=Safety(saturated=0.05, error=1.0), seconds=3.0))
-    assert reason.startswith(("torque: ", "contact: ", "error: "))
 
 
 def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():

@@ -98,12 +98,11 @@ def test_a_floating_base_is_fixed(tmp_path):
 
 def test_the_circle_of_a_pose_task_can_be_tracked():
     robot = pa.load("ur5", task="pose")
-    circle = pa.reachable_circle(robot)
-    start = robot.position(robot.q0)
-    np.testing.assert_allclose(circle.at(0.0).x_d, start, atol=1e-12)
-    quarter = circle.at(0.25 * circle.period).x_d
+    true = robot.changed(tool_translation=[0.0, 0.0, 0.05])
+    circle, start = pa.reachable_circle(robot), true.position(true.q0)
+    moved = circle.starting_at(start)
+    assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)
+    np.testing.assert_allclose(moved.at(0.0).x_d, start, atol=1e-12)
+    quarter = moved.at(0.25 * circle.period).x_d
     np.testing.assert_allclose(quarter[3:], start[3:], atol=1e-12)
     assert np.linalg.norm(quarter[:3] - start[:3]) == pytest.approx(2**0.5 * circle.radius)
-    true = robot.changed(tool_translation=[0.0, 0.0, 0.05])
-    moved = circle.starting_at(true.position(true.q0))
-    assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)

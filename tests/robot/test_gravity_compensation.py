@@ -17,12 +17,11 @@ def loops(
     *,
     limits=False,
     law="adaptive-inverse-dynamics",
-    duration,
 ):
     """Return a plain run, and one whose arm adds a torque that the controller subtracts."""
     make = partial(pa.make_controller, robot, law=law)
     engine = pa.Engine(torque_limits=limits)
-    simulate = partial(pa.simulate, engine=engine, duration=duration)
+    simulate = partial(pa.simulate, engine=engine, duration=0.1)
     path = motion_at_home(robot)
     plain = simulate(true, make(), path)
     return plain, simulate(true, make(compensated=compensated), path)
@@ -41,31 +40,16 @@ def check_alike(plain, own):
 def test_the_joint_torque_is_the_same_with_and_without_compensation(task, law):
     robot = pa.load("panda", task=task)
     true = robot.changed(payload=pa.Payload(1.5), viscous=0.2)
-    check_alike(*loops(robot, true, "nominal", law=law, duration=0.1))
+    check_alike(*loops(robot, true, "nominal", law=law))
 
 
 def test_motors_limit_the_sum_of_command_and_compensation():
     """The limits are those of the joints: with compensation and without, they bind alike."""
     robot = load("ur5")
-    free, _ = loops(robot, with_tool_and_load(robot), "nominal", duration=0.1)
+    free, _ = loops(robot, with_tool_and_load(robot), "nominal")
     weak = with_tool_and_load(robot)
     weak.model.effortLimit = np.quantile(np.abs(free.tau), 0.9, axis=0)
-    plain, own = loops(robot, weak, "nominal", limits=True, duration=0.1)
+    plain, own = loops(robot, weak, "nominal", limits=True)
     assert plain.saturated.any() and not plain.saturated.all()
     check_alike(plain, own)
     assert (np.abs(own.tau) <= weak.model.effortLimit).all()
-
-
-def test_a_plant_adds_the_compensation():
-    robot = load("panda")
-    still = pa.plants.PinocchioPlant(robot, compensation=pa.robot.Gravity(robot))
-    held = pa.plants.PinocchioPlant(robot)
-    for plant, asked in ((still, np.zeros(7)), (held, pa.robot.Gravity(robot)(robot.q0))):
-        assert np.array_equal(plant.motors(asked), pa.robot.Gravity(robot)(robot.q0))
-        plant.step(asked, 1e-3)
-        assert np.abs(plant.measure().v).max() < 1e-12
-    clipped = pa.plants.PinocchioPlant(
-        robot, compensation=lambda q: np.full(7, 30.0), torque_limits=np.full(7, 50.0)
-    )
-    assert np.array_equal(clipped.motors(np.full(7, 40.0)), np.full(7, 50.0))
-    assert np.array_equal(clipped.motors(np.full(7, -40.0)), np.full(7, -10.0))

@@ -75,16 +75,6 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     assert ratio.min() > 0.7 and ratio.max() < 1.5
 
 
-def test_the_disturbance_is_in_the_files_and_drawn_from_them(tmp_path):
-    rollout = run("ur5", 0.04, sensors=pa.Sensors(encoder=1e-4))
-    rollout.save(tmp_path)
-    loaded = pa.Rollout.load(tmp_path)
-    saved = loaded.disturbance
-    assert saved.shape == (20, 6) and np.array_equal(saved, rollout.disturbance)
-    panel = loaded.plot().torque.axes[-2]
-    assert panel.get_ylabel() == "disturbance [N m or N]" and len(panel.lines) == 6
-
-
 @pytest.mark.parametrize("told", [True, False])
 def test_a_torque_that_was_not_given_is_a_disturbance_unless_the_state_is_told(told):
     """The motors give 2 N m less than what is asked, and the arm yields."""

@@ -9,30 +9,17 @@ from pinadapt.rollout.limit_excess import LimitExcess
 JOINTS = ("hinge", "slide", "wheel")
 
 
-def arm(limits=True):
-    """Return a revolute, a prismatic and a continuous joint, with or without limits."""
+def arm():
+    """Return a revolute, a prismatic and a continuous joint with limits."""
     model, parent = pin.Model(), 0
-    model.name = "arm"
     kinds = (pin.JointModelRY(), pin.JointModelPX(), pin.JointModelRUBZ())
     for name, joint in zip(JOINTS, kinds, strict=True):
-        parent = model.addJoint(parent, joint, pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.1])), name)
-        body = pin.Inertia(1.0, np.array([0.1, 0.0, 0.0]), 0.01 * np.eye(3))
-        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([0.2, 0.1, 0.0]))
-    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.BODY))
-    robot = pa.load(model, frame="tip", task="joint", q0=np.zeros(3))
-    if limits:
-        robot.model.lowerPositionLimit = np.array([-0.5, 0.0, -1.01, -1.01])
-        robot.model.upperPositionLimit = np.array([1.0, 0.3, 1.01, 1.01])
-        robot.model.velocityLimit = np.array([2.0, 0.5, 3.0])
-        robot.model.effortLimit = np.array([10.0, 20.0, 30.0])
-    return robot
-
-
-def excess(robot, q, v, tau):
-    """Return the excess of a given motion, one row per sample."""
-    rows = (np.array(part, dtype=float).reshape(-1, 3) for part in (q, v, tau))
-    return LimitExcess.of(robot, *rows)
+        parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+    model.lowerPositionLimit = np.array([-0.5, 0.0, -1.01, -1.01])
+    model.upperPositionLimit = np.array([1.0, 0.3, 1.01, 1.01])
+    model.velocityLimit = np.array([2.0, 0.5, 3.0])
+    model.effortLimit = np.array([10.0, 20.0, 30.0])
+    return pa.Robot("arm", model, "universe", None, pin.neutral(model), pa.Friction.none(3))
 
 
 MOTION = {
@@ -43,7 +30,7 @@ MOTION = {
 
 
 def test_the_largest_excess_of_each_joint_is_exact():
-    found = excess(arm(), **MOTION)
+    found = LimitExcess.of(arm(), *(np.array(part) for part in MOTION.values()))
     position, velocity, effort = found.excess.T
     assert np.allclose(position, [0.25, 0.1, 0.0], rtol=1e-12)  # a wheel has no end
     assert np.allclose(velocity, [0.5, 0.25, 0.0], rtol=1e-12)

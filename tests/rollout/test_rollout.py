@@ -17,39 +17,39 @@ pytestmark = pytest.mark.slow
 # --- quantities computed on demand ---
 
 
-def pose_run():
-    """Return a short run of a pose task that adapts a tool and a load."""
-    described = pa.load("panda", task="pose")
-    true = with_tool_and_load(described)
-    controller = pa.make_controller(described, adaptation="natural")
-    path = pa.trajectories.PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz"))
-    path = path.starting_at(true.position(true.q0))
-    return pa.simulate(true, controller, path.as_given(), duration=0.05)
+def circling(robot, path=None, duration=0.05, **options):
+    """Return a short run of a robot that adapts a tool and a load, its controller and its path."""
+    true, circle = with_tool_and_load(robot), pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
+    path = circle if path is None else path(circle)
+    path = path.starting_at(true.position(true.q0)).as_given()
+    controller = pa.make_controller(robot, **options)
+    return pa.simulate(true, controller, path, duration=duration), controller, path
 
 
 def test_a_record_is_without_memory_and_filters_and_has_the_same_v():
     """The last state is whole: the loop can go on from it, and from no other."""
-    described = pa.load("ur5")
-    true = with_tool_and_load(described)
-    controller = pa.make_controller(described, adaptation="natural-memory", modifications="sigma")
-    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
-    path = path.starting_at(true.position(true.q0)).as_given()
-    rollout = pa.simulate(true, controller, path, duration=0.1)
-    plant = pa.plants.PinocchioPlant(true)
+    made = {"adaptation": "natural-memory", "modifications": "sigma"}
+    robot = pa.load("ur5")
+    rollout, controller, path = circling(robot, duration=0.1, **made)
+    true, kept = rollout.evaluation.true, rollout.evaluation.samples
+    plant = pa.plants.PinocchioPlant(with_tool_and_load(robot))
     whole = list(pa.run(plant, controller, path, duration=0.1))
-    kept = rollout.evaluation.samples
     sizes = [sample.state.flat().size for sample in kept]
     assert sizes[-1] == whole[-1].state.flat().size > 10 * max(sizes[:-1])
-    V = [
-        Evaluation(controller, rollout.evaluation.true, each).storage(each)
-        for each in (whole, kept)
-    ]
+    V = [Evaluation(controller, true, each).storage(each) for each in (whole, kept)]
     assert np.array_equal(*V) and np.isfinite(V[0]).all()
     last, before = kept[-1], kept[-2]
     torque, _ = controller.step(last.state, last.measurement, last.desired, 1e-3)
     assert np.array_equal(torque, last.torque)
     with pytest.raises(pa.InputError, match="filters are those of other dynamics"):
         controller.step(before.state, before.measurement, before.desired, 1e-3)
+
+
+def pose_run():
+    """Return a short run of a pose task."""
+    return circling(
+        pa.load("panda", task="pose"), pa.trajectories.PoseTrajectory, adaptation="natural"
+    )[0]
 
 
 def joint_run():

@@ -57,9 +57,6 @@ def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grad
 )
 def test_motions_state_their_extent(motion, extent):
     assert motion.extent == pytest.approx(extent)
-    assert motion.shifted(
-        np.ones(6 if extent == 0.1 else 2)[: motion.at(0.0).xd_d.size]
-    ).extent == (pytest.approx(extent))
 
 
 @pytest.mark.parametrize(("mode", "part"), [("sampled", 0), ("sampled", 2), ("continuous", 1)])
@@ -77,6 +74,3 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
     rollout = pa.simulate(robot, controller, path.as_given(), **options)
     assert rollout.diverged == pytest.approx(0.02, abs=1.1e-3) and 20 <= len(rollout.t) <= 21
     assert rollout.reason.startswith("desired") and np.isfinite(rollout.tau).all()
-    path.radius = -1.0
-    with pytest.raises(pa.InputError, match="trajectory"):
-        pa.simulate(robot, controller, path.as_given(), **options)

@@ -82,7 +82,7 @@ def test_settings_take_dotted_keys_and_toml_values():
     assert scenario.sensors.noise["x"] == 1e-3
 
 
-@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml", "arm.urdf.xacro", "panda"])
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml", "arm.urdf.xacro", "panda", "solo12"])
 def test_a_robot_in_place_of_a_scenario_is_sent_to_init(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(

@@ -10,19 +10,12 @@ from pinadapt.description.chain import effort_limits
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import robot_of
 from tests.support.loops import circle_at_home as circle
-from tests.support.loops import motion_at_home, run, same
+from tests.support.loops import motion_at_home, run
 from tests.support.snapshots import snapshot, unchanged
 
 pytestmark = pytest.mark.slow
 
 # --- modes, noise, delay, limits ---
-
-
-def test_noise_is_reproducible_by_its_seed():
-    noise = {"q": 1e-4, "v": 1e-3, "x": 1e-4}
-    first = run(sensors=pa.Sensors(noise=noise), seed=1)
-    assert same(first, run(sensors=pa.Sensors(noise=noise), seed=1))
-    assert not same(first, run(sensors=pa.Sensors(noise=noise), seed=2))
 
 
 def test_torque_limits_clip():
@@ -112,22 +105,3 @@ def test_an_unmeasured_task_velocity_is_the_estimated_one(name):
 
 
 # --- divergence ---
-
-LOST = {
-    "law": "adaptive-inverse-dynamics",
-    "adaptation": "gradient",
-    "gamma_d": 1.0,
-    "limits": pa.Limits(torque=False),
-}
-
-
-def test_a_diverged_run_is_a_partial_rollout():
-    rollout = run("panda", control=LOST, duration=1.0, engine=pa.Engine(torque_limits=False))
-    assert rollout.diverged is not None and 0.0 < rollout.diverged < 1.0
-    assert (
-        len(rollout.t) == len(rollout.tau) == len(rollout.a_d) == len(rollout.min_eig_M_hat) < 1000
-    )
-    assert np.isclose(rollout.t[-1] + 1e-3, rollout.diverged)
-    assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
-    assert f"diverged at {rollout.diverged:.3f} s" in str(rollout)
-    assert rollout.summary()["diverged"] == rollout.diverged

@@ -138,12 +138,6 @@ def test_a_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
     assert done["twice"].tolist() == [2.0, 4.0, 6.0]
 
 
-def test_tables_are_read_as_they_were_written(tmp_path):
-    found = pa.sweep(troubled, {"a": [0, 1, 4]}, executor=0)
-    found.save(tmp_path / "table.csv")
-    assert read(tmp_path).same_as(found)
-
-
 # --- the command ---
 
 

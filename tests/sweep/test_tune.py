@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from pinadapt.cli.command_line import main
-from pinadapt.sweep import Plan
 from pinadapt.sweep.sweep_report import percentile, rate
-from pinadapt.sweep.tune import Judged, searched, verdict
+from pinadapt.sweep.tune import Judged, verdict
 
 CASES = """
 function = "tests.support.swept:valley"
@@ -50,12 +49,6 @@ def test_lost_cases_count_first():
     assert not answer and "4 more cases are lost" in words
     words, answer = verdict(judged(worse), judged(errors))
     assert answer and "4 cases fewer are lost" in words
-
-
-def test_the_defaults_are_those_of_the_scenario():
-    plan = Plan(scenario={"robot": {"source": "planar_2r"}})
-    assert searched({"controller.alpha": "uniform(5.0, 15.0)"}, plan)["controller.alpha"].drawn
-    assert plan.scenario == {"robot": {"source": "planar_2r"}}
 
 
 def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):

@@ -49,12 +49,7 @@ def close(motion, t, velocity=1e-8, acceleration=1e-6):
 @pytest.mark.parametrize("t", [0.05, 0.31, 0.62, 0.8, 1.3])
 def test_derivatives_of_a_motion_from_rest(motion, t):
     assert close(motion.from_rest(0.8), t)
-    assert close(pa.trajectories.Retimed(motion, slow(motion)), t)
-
-
-def slow(motion):
-    """Return a law by which a motion is slower by half."""
-    return SlowedTime(1.5)
+    assert close(pa.trajectories.Retimed(motion, SlowedTime(1.5)), t)
 
 
 @motions
@@ -68,18 +63,13 @@ def test_a_start_is_smooth_and_the_motion_exact_afterwards(motion):
     for t in (0.0, T):  # no jump of any of the three
         before, after = begun.at(t - 1e-9), begun.at(t + 1e-9)
         assert all(np.allclose(*pair, atol=1e-6) for pair in zip(before, after, strict=True))
+    for t in np.linspace(0.0, T, 7):  # on the same path
+        s, rate, _ = begun.law.at(t)
+        assert 0.0 <= rate <= 1.0 and 0.0 <= s <= t
+        assert np.array_equal(begun.at(t).x_d, motion.at(s).x_d)
     for t in (T, 1.3, 7.7):
         now, later = begun.at(t), motion.at(t - 0.5 * T)
         assert all(np.array_equal(*pair) for pair in zip(now, later, strict=True))
-
-
-@motions
-@pytest.mark.parametrize("t", np.linspace(0.0, 0.8, 7))
-def test_the_path_of_a_start_is_that_of_the_motion(motion, t):
-    begun = motion.from_rest(0.8)
-    s, rate, _ = begun.law.at(t)
-    assert 0.0 <= rate <= 1.0 and 0.0 <= s <= t
-    assert np.array_equal(begun.at(t).x_d, motion.at(s).x_d)
 
 
 @motions

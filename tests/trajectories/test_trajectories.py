@@ -69,15 +69,6 @@ def test_a_fourier_series_is_the_sum_of_its_harmonics():
 STATE, INPUT = np.array([1.0, -0.5, 2.0]), np.array([0.2, 0.3, -1.0])
 
 
-@pytest.mark.parametrize("dt", [1e-3, 0.05, 2.0])
-def test_low_pass_advance_agrees_with_fine_euler_steps(dt):
-    steps, low_pass, state = 20_000, pa.filters.LowPass(10.0), STATE
-    for _ in range(steps):
-        state = state + dt / steps * low_pass.rate(state, INPUT)
-    bound = 4.0 * 10.0 * dt / steps  # Euler's global error, |s - u| <= 3
-    assert np.allclose(low_pass.advance(STATE, INPUT, dt), state, atol=bound)
-
-
 def test_low_pass_rate_is_the_derivative_of_its_state():
     low_pass = pa.filters.LowPass(10.0)
     slope = derivative(lambda h: low_pass.advance(STATE, INPUT, h))

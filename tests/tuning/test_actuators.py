@@ -101,17 +101,19 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     assert actuators.words in repr(controller)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("law", pa.laws.LAWS)
-def test_every_law_has_gains_for_elastic_joints(law):
-    controller = made(robot_of(law, "planar_2r"), Actuators(stiffness=5e3), law=law)
-    assert [str(finding) for finding in preflight(controller, DT)] == []
+LATE, ELASTIC = Actuators(delay=5e-3, bandwidth=100.0), Actuators(stiffness=5e3)
+LATE_LAWS = "adaptive-jacobian", "adaptive-inverse-dynamics", "slotine-li"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["adaptive-jacobian", "adaptive-inverse-dynamics", "slotine-li"])
-def test_laws_have_gains_for_late_motors(law):
-    controller = made(robot_of(law, "ur5"), Actuators(delay=5e-3, bandwidth=100.0), law=law)
+@pytest.mark.parametrize(
+    ("name", "actuators", "law"),
+    [("planar_2r", ELASTIC, law) for law in pa.laws.LAWS]
+    + [("ur5", LATE, law) for law in LATE_LAWS],
+    ids=str,
+)
+def test_laws_have_gains_for_elastic_joints_and_late_motors(name, actuators, law):
+    controller = made(robot_of(law, name), actuators, law=law)
     assert [str(finding) for finding in preflight(controller, DT)] == []
 
 

@@ -1,19 +1,15 @@
 """Late motors and elastic joints that were not declared."""
 
-import warnings
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import pinadapt as pa
 from pinadapt.tuning.defaults import frequency, typical_start
-from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot
 from tests.tuning.test_heavy_load import light_wrist
 
 MEMORY = "natural-memory"
-LATE = 0.01  # [s]
 
 
 @pytest.mark.parametrize(
@@ -54,36 +50,3 @@ def test_the_tracking_error_adapts_at_the_bandwidth(name):
     effects = [Phi[:, bodies] for Phi in made.law.parameter_effects(motion)]
     assert w == made.law.alpha == made.law.lambda_d.max() == 30.0
     assert w <= frequency(effects, Gamma) < 1.5 * w  # a last body that may carry a load adds to it
-
-
-def last_error(adaptation, actuators, duration=0.9, **given):
-    """Return the largest error of the last tenth, relative to the radius."""
-    case = zoo_case("panda")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of late motors that are not declared
-        controller = pa.make_controller(
-            case.estimated,
-            adaptation=adaptation,
-            limits=pa.Limits(guards=False),
-            dt=2e-3,
-            **given,
-        )
-        rollout = pa.simulate(
-            case.true,
-            controller,
-            case.motion,
-            duration=duration,
-            engine=pa.Engine(actuators=actuators, torque_limits=case.efforts_suffice),
-            record_every=5,
-        )
-    if rollout.diverged is not None:
-        return np.inf
-    return float(rollout.distance[rollout.t > 0.9 * duration].max() / case.radius)
-
-
-@pytest.mark.slow
-def test_a_memory_is_better_than_no_adaptation_whatever_the_actuators():
-    """Than with the damping for ideal motors, and than with the same damping."""
-    late = pa.robot.Actuators(delay=10e-3)
-    least = min(last_error("none", late, lag=lag) for lag in (2e-3, LATE))
-    assert last_error(MEMORY, late) < 0.15 * least

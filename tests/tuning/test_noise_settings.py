@@ -21,40 +21,12 @@ def made(**options):
     return pa.make_controller(catalogue_robot("ur5"), **options)
 
 
-# --- how much of it ---
-
-
-def test_an_encoder_is_the_noise_of_its_differences():
-    """Two roundings, each a twelfth of a count squared."""
-    deviation = COUNT / 1e-3 * math.sqrt(2.0 / 12.0)
-    by_count, by_noise = (
-        made(sensors=pa.Sensors(encoder=COUNT)),
-        made(sensors=pa.Sensors(noise={"v": deviation})),
-    )
-    assert by_count.senses.quality.v == pytest.approx(deviation)
-    assert by_count.law.lambda_s == pytest.approx(by_noise.law.lambda_s)
-    q = np.random.default_rng(0).uniform(0.0, 1.0, 100_000)
-    rounding = np.round(q / COUNT) * COUNT - q
-    assert np.diff(rounding).std() / 1e-3 == pytest.approx(deviation, rel=0.02)
-
-
 # --- the leak ---
 
 
-def leaking(inner="natural", bandwidth=0.5):
-    """Return a leak around an adaptation of UR5's bodies, and their values."""
-    robot = catalogue_robot("ur5")
-    a = pa.models.BodyDynamics(robot).initial
-    adaptation = (
-        pa.adaptation.Natural(5.0, pa.adaptation.BodyInequality(robot.joint_names))
-        if inner == "natural"
-        else pa.adaptation.Gradient(1.0, a.size)
-    )
-    return pa.adaptation.Leak(adaptation, bandwidth), a
-
-
 def test_a_leak_alone_returns_to_the_start():
-    leak, a = leaking("gradient")
+    a = pa.models.BodyDynamics(catalogue_robot("ur5")).initial
+    leak = pa.adaptation.Leak(pa.adaptation.Gradient(1.0, a.size), 0.5)
     off, quiet = leak.init(a).with_value(1.3 * a), along(np.zeros(a.size))
     after = leak.step(off, quiet, 0.7)
     assert np.allclose(after.value, a + 0.3 * a * math.exp(-0.5 * 0.7), rtol=1e-12)
@@ -63,18 +35,17 @@ def test_a_leak_alone_returns_to_the_start():
     assert np.allclose(after.value, a, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("inner", ["natural", "gradient"])
-def test_small_steps_follow_the_rate(inner):
-    leak, a = leaking(inner)
+def test_small_steps_of_a_leak_follow_its_rate():
+    robot = catalogue_robot("ur5")
+    a, cone = pa.models.BodyDynamics(robot).initial, pa.adaptation.BodyInequality(robot.joint_names)
+    leak = pa.adaptation.Leak(pa.adaptation.Natural(5.0, cone), 0.5)
     drive = along(np.random.default_rng(4).standard_normal(a.size))
     estimate = leak.init(a).with_value(1.2 * a)
-    rate, misses = leak.rate(estimate, drive), []
-    for h in (1e-4, 5e-5):
-        misses.append(
-            np.abs((leak.step(estimate, drive, h).value - estimate.value) / h - rate.value)
-        )
-    assert misses[0].max() < 1e-2 * np.abs(rate.value).max()
-    assert misses[1].max() < 0.55 * misses[0].max()  # first order in h
+    rate = leak.rate(estimate, drive)
+    steps = {h: leak.step(estimate, drive, h).value - estimate.value for h in (1e-4, 5e-5)}
+    misses = [np.abs(step / h - rate.value).max() for h, step in steps.items()]
+    assert misses[0] < 1e-2 * np.abs(rate.value).max()
+    assert misses[1] < 0.55 * misses[0]  # first order in h
     assert not rate.memory[0].any()
 
 
@@ -82,7 +53,7 @@ def test_small_steps_follow_the_rate(inner):
 
 
 def driven(lambda_s, noise, count=200, seed=0):
-    """Return the mean of Y^T s (p) and the torques of an arm at rest whose v is white noise.
+    """Return the mean of Y^T s (p) of an arm at rest whose v is white noise.
 
     Each draw goes with its opposite, which leaves of the mean what is even in the noise.
     """
@@ -91,38 +62,35 @@ def driven(lambda_s, noise, count=200, seed=0):
         unknown=pa.Unknown(friction=False, armature=False),
         limits=pa.Limits(guards=False, torque=False),
     )
-    controller.law = controller.law.adjusted(lambda_s=lambda_s)
     controller = pa.Controller(
-        controller.law,
+        controller.law.adjusted(lambda_s=lambda_s),
         controller.kinematics,
         controller.dynamics,
         adaptation_k=controller.adaptation_k,
         adaptation_d=controller.adaptation_d,
     )
     plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
-    desired, mean, torques = pa.Desired(robot.position(robot.q0), still, still), 0.0, []
+    desired, mean = pa.Desired(robot.position(robot.q0), still, still), 0.0
     for sign in (1.0, -1.0):
         rng = np.random.default_rng(seed)
         state = controller.init(plant.measure(), adapting=False)
         for k in range(count):
             sample = plant.measurement(robot.q0, sign * noise * rng.standard_normal(6), 1e-3 * k)
-            torque, drives = controller.respond(state, controller.observe(state, sample, desired))
-            torques.append(torque)
+            _, drives = controller.respond(state, controller.observe(state, sample, desired))
             if k >= count // 4:  # when the low pass has settled
                 mean = mean + drives.dynamic.gradient / (2.0 * (count - count // 4))
             state = controller.step(state, sample, desired, 1e-3)[1]
-    return mean, np.array(torques)
+    return mean
 
 
 def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor():
     """E[Y^T s] = -alpha sigma^2 ... of the plain law; an eighth of it is left below lambda_s."""
-    plain, _ = driven(math.inf, 0.1)
-    free, _ = driven(40.0, 0.1)
+    plain, free = driven(math.inf, 0.1), driven(40.0, 0.1)
     moments = np.arange(60) % 10 < 4  # mass and first moments: what of the mean is not gravity
     assert np.linalg.norm(plain) > 1e-2
     assert np.linalg.norm(free) < 0.125 * np.linalg.norm(plain)
     assert np.linalg.norm(free[moments]) < 0.5 * np.linalg.norm(plain[moments])
-    doubled, _ = driven(math.inf, 0.2)
+    doubled = driven(math.inf, 0.2)
     assert np.linalg.norm(doubled) == pytest.approx(4.0 * np.linalg.norm(plain), rel=0.05)
 
 

@@ -37,13 +37,6 @@ def animated(name):
     return rollout, rollout.animate()
 
 
-@pytest.mark.parametrize(("name", "most"), [("planar_2r", 1.5), ("panda", 8.0)])
-def test_pages_stay_small(name, most):
-    """Measured: 0.3 and 5.4 MB."""
-    _, animation = animated(name)
-    assert len(animation.html.encode()) < 1e6 * most
-
-
 def test_a_page_shows_both_robots_paths_and_curves():
     rollout, animation = animated("panda")
     commands, notes = messages(animation)

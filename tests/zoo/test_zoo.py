@@ -6,14 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import pinadapt as pa
 from pinadapt.cli.command_line import main
-from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.experiment import (
     CONVERGED,
     SWING,
     zoo_case,
-    zoo_numbers,
 )
 
 pytestmark = pytest.mark.slow
@@ -26,23 +23,12 @@ def sooner(monkeypatch):
     monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 3e-3)
 
 
-@pytest.mark.usefixtures("sooner")
-def test_a_chain_converges_untuned():
-    row = zoo_numbers("a1_fl_leg", "adaptive-jacobian")
-    assert row["verdict"] == CONVERGED
-    assert row["adapted"] <= 0.02 * row["radius"] and row["adapted"] <= 0.2 * row["unadapted"]
-    assert row["min_eig_M_hat"] > 0.0
-
-
-def test_a_pose_case_converges_and_reports_orientation_errors():
+def test_the_tool_of_a_pose_case_swings():
     case = zoo_case("ur5", task="pose")
     start, later = (case.motion.at(t).x_d for t in (0.0, 0.25 * case.period))
     np.testing.assert_allclose(start, case.true.position(case.true.q0), atol=1e-12)
     turned = pin.Quaternion(start[3:]).angularDistance(pin.Quaternion(later[3:]))
     assert turned == pytest.approx(SWING)
-    row = {"robot": "ur5", "task": "pose", "unadapted_angle": 0.1, "adapted_angle": 1e-3}
-    assert "adapted [deg]" in zoo_table([row]) and "0.057" in zoo_table([row])
-    assert "[deg]" not in zoo_table([{"robot": "ur5"}])
 
 
 @pytest.mark.usefixtures("sooner")
@@ -69,12 +55,3 @@ def test_the_command_writes_its_rows_in_the_order_of_the_robots(tmp_path, capsys
     assert [row["robot"] for row in rows] == names
     assert all(row["verdict"].startswith("refused: ") for row in rows)
     assert "0 of 2 converged" in capsys.readouterr().out
-
-
-def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
-    def refuse(*arguments, **words):
-        raise pa.RobotError("no circle will do.")
-
-    monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
-    row = zoo_numbers("ur5", "adaptive-jacobian")
-    assert row["verdict"] == "refused: no circle will do."
