@@ -115,7 +115,9 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     assert f"pinadapt run {file}" in capsys.readouterr().out
     scenario = Scenario.read(file)
     assert scenario.duration == 4.0
-    motion = pa.excite(scenario.controller, duration=4.0)
+    motion = pa.excite(
+        catalogue_robot("planar_2r"), unknown=pa.Unknown(bodies="payload"), duration=4.0
+    )
     written, found = scenario.trajectory.at(1.3), motion.trajectory.at(1.3)
     assert np.allclose(written.x_d, found.x_d, atol=1e-5)
     assert scenario.controller.dynamics.names == motion.information.names

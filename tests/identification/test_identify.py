@@ -181,7 +181,7 @@ def test_the_log_of_another_robot_is_doubted():
 
 
 def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pinadapt.identification.online_estimates._TIMES", 20, raising=False)
+    monkeypatch.setattr("pinadapt.identification.identification._TIMES", 20)
     robot = catalogue_robot("ur5")
     moved, log, out = recorded("ur5", duration=4.0), tmp_path / "log.npz", tmp_path / "out"
     np.savez(log, t=moved.t, q=moved.q, v=moved.v, tau=moved.tau)

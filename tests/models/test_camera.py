@@ -197,6 +197,7 @@ def test_pixels_of_mujocos_own_camera(tmp_path):
         """MuJoCo's arm in MuJoCo's picture; our projection is not asked."""
 
         def measure(self):
+            mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_camlight(self.model, self.data)
             seen = pixels_of(self.model, self.data, self._chain.site)
             return super().measure()._replace(x=pixel * seen, xd=None)

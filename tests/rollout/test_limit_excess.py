@@ -19,7 +19,7 @@ def arm():
     model.upperPositionLimit = np.array([1.0, 0.3, 1.01, 1.01])
     model.velocityLimit = np.array([2.0, 0.5, 3.0])
     model.effortLimit = np.array([10.0, 20.0, 30.0])
-    return pa.Robot("arm", model, "universe", None, pin.neutral(model), pa.Friction.none(3))
+    return pa.Robot("arm", model, "universe", None, pin.neutral(model), pa.Friction().of(model))
 
 
 MOTION = {

@@ -48,6 +48,7 @@ from .torque_check import check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
+_TIMES = 20  # at which estimates are asked for, for the picture
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -255,7 +256,7 @@ def _online(
         progress: as of ``simulate``.
     """
     t, last = motion.t.tolist(), len(motion.t) - 1
-    stops = {*np.linspace(0, last, 20).astype(int), np.searchsorted(motion.t, split) - 1}
+    stops = {*np.linspace(0, last, _TIMES).astype(int), np.searchsorted(motion.t, split) - 1}
     samples = zip(t, motion.q, motion.v, motion.tau, strict=True)
     measured = (Measurement(*one[:3], tau=one[3]) for one in samples)
     state, found = estimator.init(next(measured)), dict[float, Estimate]()
