@@ -11,7 +11,7 @@ import pinocchio as pin
 from .._checks import optional
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError, RobotError
-from ..robot.constraints import Constraints, Contact
+from ..robot.constraints import DEPENDENT, Constraints, Contact
 from ..robot.robot import Robot
 
 # weight of squared forces [m^2], for a unique choice; half or double: the torques change by 1e-6
@@ -22,7 +22,6 @@ _SLACK = 1e5
 # of the solver, which needs 2 to 10; a torque that is infeasible never reaches the tolerance, and
 # forces are known to a thousandth of what is missed: half or twice change the time alone
 _ITERATIONS = 50
-_LEAST = 1e-9  # of the norm of the rows without motors, of a singular value that counts
 _NONE = 1e20  # what the solver takes for no limit
 # share of a torque, above which it is missed: feasible ones are missed by 2e-7, one beyond friction
 # by half a percent by 4e-4; half or twice: the same samples of a1 and talos
@@ -93,7 +92,7 @@ class ConstraintForces:
         self._mobilities = 1.0 / np.diag(M)
         A, _ = self.constraints.at(robot.q0, np.zeros(n))
         idle = A[:, self._idle]
-        if np.linalg.matrix_rank(idle, tol=_LEAST * np.linalg.norm(idle)) < idle.shape[1]:
+        if np.linalg.matrix_rank(idle, tol=DEPENDENT * np.linalg.norm(idle)) < idle.shape[1]:
             raise RobotError(
                 "the constraints leave a motion that no motor moves.",
                 where="contacts" if self._contacts else "constraints",

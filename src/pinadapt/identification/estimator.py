@@ -56,7 +56,6 @@ _RECENT = 75  # windows whose residuals tell how long errors last; half and twic
 # Deviations at which a window disagrees; half: a UR10's error is 9 % larger; twice: the same.
 _LIMIT = 3.0
 _ROUNDS = 4  # of noise and friction near rest; half: a UR10's error is 5 % larger; twice: the same
-_ROUNDING = 1e-12  # of a diagonal; a tenth and ten times: the same
 _SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
 # Of the mass of a load, and of a hundredth of the robot's: above it motion is asked for; half and
 # twice: for longer, and less long.
@@ -795,7 +794,8 @@ class Estimator:
 def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
     """Return X (p, p) with T X X^T T^T the inverse of H + WEIGHT T^-T T^-1."""
     whole = T.T @ H @ T
-    whole.flat[:: len(T) + 1] += WEIGHT + _ROUNDING * np.diagonal(whole)
+    rounding = len(T) * np.finfo(float).eps * np.diagonal(whole)
+    whole.flat[:: len(T) + 1] += WEIGHT + rounding
     return np.linalg.inv(np.linalg.cholesky(whole)).T
 
 
