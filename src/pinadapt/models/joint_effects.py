@@ -114,6 +114,10 @@ class JointEffects:
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = InertialModel(robot.model) if loaded else None
 
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
+        return self.added(self.known, q, v, a, 1.0, np.zeros((self._n, 0)), self.zero)[0]
+
     def added(
         self,
         values: np.ndarray,
