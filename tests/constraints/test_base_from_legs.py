@@ -51,11 +51,11 @@ def test_a_heavy_load_is_held_with_coarse_encoders_and_a_tilted_imu():
     robot = standing("a1")
     true = robot.changed(payload=pa.Payload(11.0, (0.05, 0.02, 0.08)))
     sensors = pa.Sensors(encoder=2.0 * math.pi / 2**14, imu=pa.Imu(tilt=math.radians(0.3)))
-    controller = pa.make_controller(robot, unknown=TRUNK, sensors=sensors)
-    simulated = pa.plants.SimulatedSensors(true, 1e-3, sensors)
+    controller = pa.make_controller(robot, unknown=TRUNK, sensors=sensors, dt=2e-3)
+    simulated = pa.plants.SimulatedSensors(true, 2e-3, sensors)
     plant = pa.plants.MujocoPlant(true)
-    stream = pa.run(plant, controller, Sway(robot), dt=1e-3, sensors=simulated)
-    samples = list(islice(stream, 1500))
+    stream = pa.run(plant, controller, Sway(robot), dt=2e-3, sensors=simulated)
+    samples = list(islice(stream, 750))
     heights = [sample.truth.x[2] - sample.desired.x_d[2] for sample in samples]
     assert np.abs(heights).max() < 5e-3
     assert samples[-1].state.a_d[0] == pytest.approx(true.model.inertias[6].mass, rel=0.02)

@@ -211,10 +211,11 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     robot = standing("a1")
     high = robot.q0[2]
     load = pa.Payload(11.0, [0.2 * high, 0.08 * high, 0.32 * high])
-    true, controller = robot.changed(payload=load), pa.make_controller(robot, unknown=TRUNK)
-    run = pa.simulate(true, controller, Sway(robot), duration=3.0, engine="mujoco", progress=False)
+    true = robot.changed(payload=load)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
+    run = pa.simulate(true, controller, Sway(robot), duration=2.4, engine="mujoco", progress=False)
     trunk = true.model.inertias[6]
-    assert run.distance.max() < 4e-3 and run.distance[-800:].max() < 1e-4
+    assert run.distance.max() < 4e-3 and run.distance[-400:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
     found = pa.identify(run, robot, unknown="payload", progress=False)
     body, errors = found.robot.model.inertias[6], found.torque_errors
@@ -244,7 +245,7 @@ def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
         for radius, plane, turn in ((0.015, "xy", 0.05), (0.04, "yz", 0.1))
     ]
     path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0)).from_rest()
-    controller = pa.make_controller(robot, unknown=TRUNK)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
     rollout = pa.simulate(true, controller, path, duration=2.5, engine="mujoco", progress=False)
     assert rollout.distance.max() < 3e-3 and rollout.window(False).max() < 2e-4
     assert rollout.infeasible == ()

@@ -14,7 +14,7 @@ from tests.support.recorded import motion, torques
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "few_online_estimates"),
+    pytest.mark.usefixtures("blank_pictures", "shortened"),
 ]
 
 MASS = 2.805

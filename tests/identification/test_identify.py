@@ -17,7 +17,7 @@ from tests.support.recorded import LOAD, identified, motion, recorded, torques, 
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "few_online_estimates"),
+    pytest.mark.usefixtures("blank_pictures", "shortened"),
 ]
 
 

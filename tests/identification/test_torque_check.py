@@ -56,7 +56,7 @@ def test_the_log_of_a_real_arm_fits_and_so_do_a_few_seconds_of_it():
 def test_turning_joints_in_another_order_are_refused():
     """Of joints without limits, whose configurations have two numbers."""
     robot = catalogue_robot("kinova")
-    t, q, v, a = motion("kinova", dt=2e-2)
+    t, q, v, a = motion("kinova", dt=4e-2)
     log = pa.Log(t, q, torques(robot, q, v, a), v)
     assert not causes(log, robot)
     assert causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
@@ -82,7 +82,7 @@ def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
 
 def turned_in(robot, name):
     """Return an exact log of a robot along the motion of a name."""
-    t, q, v, a = motion(name, duration=6.0)
+    t, q, v, a = motion(name, duration=6.0, dt=3e-2)
     return pa.Log(t, q, torques(robot, q, v, a), v, tuple(robot.joint_names))
 
 
@@ -102,7 +102,7 @@ def unlike(name, seed, wrist, gains):
     mass = RATED[name] * rng.uniform(0.2, 1.0)
     inertia = (0.01 * mass, 0.0, 0.01 * mass, 0.0, 0.0, 0.01 * mass)
     true = true.changed(payload=pa.Payload(mass, rng.uniform(-0.1, 0.1, 3), inertia))
-    t, q, v, a = motion(name, 10.0, 16e-3, seed)
+    t, q, v, a = motion(name, 10.0, 48e-3, seed)
     noise = 0.01 * limits * rng.standard_normal(q.shape)
     count = 2.0 * np.pi / 2**17
     tau = torques(true, q, v, a) * rng.normal(1.0, gains, robot.model.nv) + noise

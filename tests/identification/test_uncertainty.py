@@ -14,7 +14,7 @@ from tests.support.recorded import motion
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "few_online_estimates"),
+    pytest.mark.usefixtures("blank_pictures", "shortened"),
 ]
 
 LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.004))
