@@ -149,12 +149,12 @@ def test_an_arm_that_adds_gravity_undeclared_is_refused_before_it_has_moved(name
 
 def test_a_declared_compensation_that_is_missing_is_learned_like_a_load():
     robot = catalogue_robot("tiago_arm")
-    controller = pa.make_controller(robot, compensated="nominal")
+    controller = pa.make_controller(robot, compensated="nominal", dt=2e-3)
     path = reachable_circle(robot).starting_at(robot.position(robot.q0)).from_rest()
     plant = pa.plants.PinocchioPlant(robot)
-    samples = list(pa.run(plant, controller, path, duration=2.5))
+    samples = list(pa.run(plant, controller, path, dt=2e-3, duration=2.5))
     errors = [np.linalg.norm(each.truth.x - each.desired.x_d) for each in samples]
-    assert max(errors) < 5e-3 and max(errors[-400:]) < 5e-4
+    assert max(errors) < 5e-3 and max(errors[-200:]) < 5e-4
 
 
 @pytest.mark.slow

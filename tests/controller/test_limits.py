@@ -162,7 +162,7 @@ def test_a_solution_has_an_exact_rate_and_keeps_speed_limits_smoothly(shape, sma
 def test_damping_brings_the_arm_back_from_beyond_its_reach():
     robot, far = load("ur5"), [0.36, 0.0, 0.0]
     controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8), law="adaptive-inverse-dynamics", gamma_d=0.8
+        robot.changed(inertial_scale=0.8), law="adaptive-inverse-dynamics", gamma_d=0.8, dt=2e-3
     )
     path = pa.trajectories.Waypoints([np.zeros(3), far, np.zeros(3)], 1.5)
     path = path.starting_at(robot.position(robot.q0))

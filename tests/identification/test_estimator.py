@@ -170,7 +170,7 @@ def predicted(robot, q, v, a):
 
 def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
     """After a second they already are better than the description."""
-    log, robot = recorded("panda", noisy=True, duration=12.0, dt=4e-3), catalogue_robot("panda")
+    log, robot = recorded("panda", noisy=True, duration=8.0, dt=4e-3), catalogue_robot("panda")
     estimator = pa.Estimator(robot, period=4e-3, held=False, smooth=True)
     states = run(estimator, log.t, log.configurations(robot), log.v, log.tau)
     found = estimator.estimate(states[-1])
@@ -245,7 +245,7 @@ def test_a_real_log_is_predicted_as_well_as_by_identify():
 def test_whatever_force_closes_a_loop_drops_out():
     robot = five_bar()
     true, data = robot.changed(payload=OTHER), robot.model.createData()
-    t, home = np.arange(0.0, 4.0, 4e-3), robot.position(robot.q0)
+    t, home = np.arange(0.0, 4.0, 8e-3), robot.position(robot.q0)
     swing = 0.3 * np.sin(np.outer(t, [4.0, 6.0]))
     path, q = [], robot.q0
     for x in home + swing:
@@ -256,7 +256,7 @@ def test_whatever_force_closes_a_loop_drops_out():
     tau = np.array([pin.rnea(true.model, data, *one) for one in zip(q, v, a, strict=True)])
     for k, force in enumerate(50.0 * np.cos(np.outer(t, [3.0, 5.0]))):
         tau[k] += force @ robot.constrained.at(q[k], v[k])[0]
-    estimator = pa.Estimator(robot, "payload", period=4e-3, held=False)
+    estimator = pa.Estimator(robot, "payload", period=8e-3, held=False)
     found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
     assert found.mass == pytest.approx(OTHER.mass, rel=5e-3)
     log = pa.Log(t=t, q=q, v=v, tau=tau)

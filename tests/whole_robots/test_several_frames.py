@@ -182,7 +182,7 @@ def followed():
     friction = {"viscous": 0.5, "coulomb": 0.3}
     true = with_tools_and_loads(robot).changed(**friction)
     camera = pa.Sensors(camera=Camera(rate=60.0, delay=0.04))
-    controller = pa.make_controller(robot, sensors=camera, dt=2e-3)
+    controller = pa.make_controller(robot, sensors=camera, dt=4e-3)
     path = circles(true, 0.08, 2.0).from_rest()
     return true, controller, pa.simulate(true, controller, path, duration=3.0)
 
@@ -294,7 +294,7 @@ def test_a_scenario_of_two_frames_is_written_and_runs(tmp_path, capsys):
     again = ["--frame", ENDS[0], "--frame", ENDS[1], "--force"]
     assert main(["init", str(source), *again, "--out", str(file)]) == 0
     assert file.read_text(encoding="utf-8") == text
-    scenario = pa.Scenario.read(file, ["simulation.duration=1.0"])
+    scenario = pa.Scenario.read(file, ["simulation.duration=1.0", "controller.dt=0.004"])
     rollout = scenario.run()
     assert rollout.window(False).max() < 0.2 * rollout.window(True).max()
     assert scenario.true.mass > scenario.estimated.mass
@@ -307,9 +307,9 @@ def test_a_scenario_of_two_frames_is_written_and_runs(tmp_path, capsys):
 def test_tiago_learns_both_tools_and_loads():
     robot = tiago(task="pose")
     true = with_tools_and_loads(robot).changed(viscous=0.5, coulomb=0.3)
-    controller = pa.make_controller(robot, dt=2e-3)
+    controller = pa.make_controller(robot, dt=4e-3)
     path = circles(true, 0.05, 6.0).from_rest()
     rollout = pa.simulate(true, controller, path, duration=4.0)
     assert rollout.window(True).max() < 5e-3 and rollout.window(False).max() < 2e-5
     assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 1e-5
-    assert rollout.angle[-50:].max() < 1e-4
+    assert rollout.angle[-25:].max() < 1e-4
