@@ -93,7 +93,7 @@ def test_the_code_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert "error, last 10 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
     scope = {"pa": pa}
-    exec(stands.replace("duration=3.0", "duration=0.5"), scope)
+    exec(stands.replace("duration=3.0", "duration=0.2"), scope)
     assert scope["true"].mass == pytest.approx(scope["robot"].mass + 6.0)
     assert "follows" in capsys.readouterr().out
     exec("\n".join([*lines.splitlines()[:4], load]), {})
