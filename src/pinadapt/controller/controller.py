@@ -489,7 +489,7 @@ class Controller:
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
             limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = sensed.trail.joints["displaced"]
+            displaced = sensed.trail.joints[:, kernels.DISPLACED]
             if not hold:
                 displaced[:] = 0.0
             spring = 0.25 * damping**2 * inertia * displaced

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._kernels import samples as kernels
 from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
@@ -108,7 +109,7 @@ class Senses:
             if tau is not None:
                 measurement = guards.bridge_torque(measurement, trail, sent)
             if first is not None and self.first is not None:
-                mean = 0.5 * (v + before.trail.joints["rate"])
+                mean = 0.5 * (v + before.trail.joints[:, kernels.RATE])
                 first = self.first.after(first, q, mean, since)
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
@@ -116,14 +117,15 @@ class Senses:
         late = x_time is not None and x_time != t
         if not kinematics.positions:  # x follows from q
             x, late = kinematics.x_hat, False
-        follow = before, t_before, t, q, v
-        sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
-        if kinematics.positions and x is not None:
-            if not late or sensed.frame is not before.frame:
-                measurement, trail = guards.bridge_frame(measurement, sensed, a_k, trail)
+        follow, seen = (before, t_before, t, q), x is not None
+        found = self.compensator.update(*follow, x, x_time if late else None, kinematics)
+        x, epsilon, X_k, frame, _ = found
+        if kinematics.positions and seen:
+            if not late or frame is not before.frame:
+                measurement, trail = guards.bridge_frame(measurement, epsilon, X_k, a_k, trail)
             if measurement.x is None:
-                sensed = self.compensator.update(*follow, None, None, kinematics)
-        sensed = SensedState(*sensed[:-2], first, trail)
+                found = self.compensator.update(*follow, None, None, kinematics)
+        sensed = SensedState(q, v, *found, first, trail)
         return sensed, answer == 1, measurement, elapsed
 
     def believed(
