@@ -84,8 +84,8 @@ def check_joints(
         begun: whether there was a step before.
         bounds: (n) of ``BOUNDS``, see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
-        before: (n, 15) what is kept of each joint, at the sample before.
-        after: (n, 15) the same with this sample.
+        before: (15, n) what is kept of each joint, at the sample before.
+        after: (15, n) the same with this sample.
         shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m]; the
             sample is added.
         q_used: (nq) of the sample, as far as it is used.
@@ -94,12 +94,12 @@ def check_joints(
     for k in range(len(q)):
         q_used[k] = q[k]
     for i in range(len(v)):
-        change = abs(v[i] - before[i][RAW_V])
+        change = abs(v[i] - before[RAW_V, i])
         if change > 0.0 and not 0.0 < shared[0] < change:
             shared[0] = change
     leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
     for i in range(len(v)):
-        old, new, most, k, speed = before[i], after[i], bounds[i], places[i], v[i]
+        old, new, most, k, speed = before[:, i], after[:, i], bounds[i], places[i], v[i]
         rate, way, circle, plain = old[RATE], q[k] - q_before[k], True, places[i + 1] == k + 1
         resting &= abs(speed) < most["slow"]
         if not plain:

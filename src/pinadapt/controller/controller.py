@@ -344,7 +344,7 @@ class Controller:
         if self._torque_filter is None or not np.any(getattr(self.law, "lambda_d", 0.0)):
             return None
         filters = state.filters if state.start is None else state.start.filters
-        return np.asarray(filters.disturbance)
+        return filters.disturbance
 
     def disturbance_noise(self, q: np.ndarray, dt: float) -> np.ndarray | None:
         """Return the deviation (n) of ``disturbance`` by noise of the joint velocity [N m or N].
@@ -489,7 +489,7 @@ class Controller:
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
             limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = sensed.trail.joints[:, kernels.DISPLACED]
+            displaced = sensed.trail.joints[kernels.DISPLACED]
             if not hold:
                 displaced[:] = 0.0
             spring = 0.25 * damping**2 * inertia * displaced
@@ -648,7 +648,7 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(self._lead * (filtered.state.projected(feedforward) - predicted / risen))
+        return self._lead * (filtered.state.projected(feedforward) - predicted / risen)
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""

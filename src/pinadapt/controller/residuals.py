@@ -88,7 +88,7 @@ class Trail(NamedTuple):
     """What is kept of the samples, to compare the next one with.
 
     Attributes:
-        joints: (n, 15) what ``kernels.check_joints`` keeps of each joint.
+        joints: (15, n) what ``kernels.check_joints`` keeps of each joint.
         shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m].
         bridged: how many samples of each channel were.
         since: the time at which each channel ceased to follow [s]; infinite where it follows.
@@ -114,9 +114,9 @@ class Trail(NamedTuple):
 
 def new_trail(v: np.ndarray, since: float = math.inf) -> Trail:
     """Return what is kept of the first sample, with its joint velocity v (n) [rad/s or m/s]."""
-    joints = np.zeros((v.size, kernels.KEPT))
-    joints[:, kernels.RATE] = joints[:, kernels.RAW_V] = v
-    joints[:, kernels.RAW_Q] = np.nan
+    joints = np.zeros((kernels.KEPT, v.size))
+    joints[kernels.RATE] = joints[kernels.RAW_V] = v
+    joints[kernels.RAW_Q] = np.nan
     return Trail(joints, np.zeros(2), [0] * 4, [since] * 4)
 
 
@@ -232,7 +232,7 @@ class Guards:
         if answer != 2 or not (doubted := self._doubted(q_before, v, old, joints)).any():
             return answer, q_used, v_used, trail
         kept = old.joints.copy()
-        kept[doubted, kernels.DISTRUST] = kernels.NO_Q + kernels.NO_V
+        kept[kernels.DISTRUST, doubted] = kernels.NO_Q + kernels.NO_V
         return self.joints(before._replace(trail=old._replace(joints=kept)), q, v, dt, decay)
 
     def _doubted(
@@ -244,9 +244,9 @@ class Guards:
         joint that stops at once pushes the others, M_rr dv_r = M_ri v_i. If that would be seen and
         less than half of it was, nothing of the joint is used until it moves.
         """
-        doubted = joints[:, kernels.KIND] == kernels.STOPPED
-        doubted &= (old.joints[:, kernels.DISTRUST] == 0.0) & v.any()  # not if all stop
-        rate = old.joints[:, kernels.RATE]
+        doubted = joints[kernels.KIND] == kernels.STOPPED
+        doubted &= (old.joints[kernels.DISTRUST] == 0.0) & v.any()  # not if all stop
+        rate = old.joints[kernels.RATE]
         for i in np.flatnonzero(doubted).tolist():
             M = pin.crba(self.model, self.model.createData(), q_before)
             push, change = np.linalg.inv(M)[i], v - rate
@@ -266,14 +266,14 @@ class Guards:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        kinds = trail.joints[:, kernels.KIND]
+        kinds = trail.joints[kernels.KIND]
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED)
-        wrong |= trail.joints[:, kernels.DISTRUST] != 0.0
+        wrong |= trail.joints[kernels.DISTRUST] != 0.0
         if not wrong.any():
             trail.since[JOINTS] = math.inf
             return
         i = int(np.argmax(wrong))
-        size, bound = trail.joints[i, kernels.SIZE], trail.joints[i, kernels.BOUND]
+        size, bound = trail.joints[kernels.SIZE, i], trail.joints[kernels.BOUND, i]
         summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
         self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, trail, i, summed)
 

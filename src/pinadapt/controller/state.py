@@ -102,7 +102,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        return np.asarray(self.sensed.trail.joints[:, kernels.UNSEEN] > LASTS)
+        return self.sensed.trail.joints[kernels.UNSEEN] > LASTS
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
