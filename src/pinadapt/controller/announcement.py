@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..adaptation.adaptation import Adaptation
 from ..description.chain import frame_id
 from ..exceptions import ParameterError
+from ..laws.law import Law
+from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import placement_of
 from ..robot.changes import Load, Payload, by_frame
 from ..robot.robot import Robot
+from .limits import ControllerLimits
 from .state import ControllerState
-
-if TYPE_CHECKING:
-    from .controller import Controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,21 @@ class NominalRobot:
         return self.unloaded if load is None else self.unloaded.changed(payload=load)
 
 
+class ControllerParts(Protocol):
+    """The parts of a controller; see there."""
+
+    law: Law
+    kinematics: TaskKinematics
+    dynamics: Dynamics
+    adaptation_k: Adaptation
+    adaptation_d: Adaptation
+    limits: ControllerLimits
+    period: float
+    nominal: NominalRobot | None
+
+
 def announced_state(
-    controller: Controller,
+    controller: ControllerParts,
     state: ControllerState,
     payload: Load | EllipsisType,
     tool_translation: ArrayLike | Mapping[str, ArrayLike] | None,
@@ -71,7 +85,7 @@ def announced_state(
 
 
 def _loaded(
-    controller: Controller, nominal: NominalRobot, state: ControllerState, load: Load
+    controller: ControllerParts, nominal: NominalRobot, state: ControllerState, load: Load
 ) -> ControllerState:
     """Return the state with a load in place of the one announced before.
 

@@ -41,6 +41,9 @@ class Missed(NamedTuple):
     cause: str = ""
 
 
+FEASIBLE = Missed()
+
+
 class Solution(NamedTuple):
     """Motor torques and constraint forces that make a wanted torque.
 
@@ -176,7 +179,7 @@ class ConstraintForces:
         beyond = needed - given
         size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
         if not size > _MISSED * math.sqrt(wanted.dot(wanted)):
-            return Solution(torque, forces, Missed())
+            return Solution(torque, forces, FEASIBLE)
         pressed, names = np.abs(beyond), self._efforts
         if self._contacts:
             at = C @ x

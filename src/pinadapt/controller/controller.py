@@ -33,7 +33,7 @@ from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
 from .clock import LATEST
-from .constraint_forces import ConstraintForces, Missed
+from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
@@ -687,7 +687,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands, s.missed = None if feet is None else feet.stands, Missed()
+        s.stands, s.missed = None if feet is None else feet.stands, FEASIBLE
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))

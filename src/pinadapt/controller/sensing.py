@@ -99,14 +99,13 @@ class Senses:
         if dt is not ...:
             elapsed, since = clock.elapsed(t_before, t, dt, period, self.timed)
         answer, q, v, trail = guards.joints(before, q, v, since)
+        if answer == 2:
+            guards.bridge_joints(measurement, trail)
         if dt is not ...:
             if elapsed or not before.trail.begun:
                 trail.since[TIME], elapsed = math.inf, elapsed or dt
             else:
                 clock.stood(trail, t, min(dt, period))
-        if answer == 2:
-            guards.bridge_joints(measurement, trail)
-        if dt is not ...:
             if tau is not None:
                 measurement = guards.bridge_torque(measurement, trail, sent)
             if first is not None and self.first is not None:

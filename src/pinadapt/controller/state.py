@@ -13,7 +13,7 @@ from ..adaptation.adaptation import Estimate
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
-from .constraint_forces import Missed
+from .constraint_forces import FEASIBLE, Missed
 from .governor import PathTime
 from .residuals import LASTS
 
@@ -72,7 +72,7 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
-    missed: Missed = Missed()
+    missed: Missed = FEASIBLE
     footing: np.ndarray = _NO_FOOTING
 
     @property
