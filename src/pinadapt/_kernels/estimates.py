@@ -160,6 +160,13 @@ def exponentiate(
         after[i] = a[i] * math.exp(min(max(-h * scale[i] * g[i], -most), most))
 
 
+@compiled("void(f8[:], f8[:], f8, f8[:])")
+def advance(a: np.ndarray, rate: np.ndarray, dt: float, after: np.ndarray) -> None:
+    """Write a + dt rate (p)."""
+    for i in range(len(a)):
+        after[i] = a[i] + dt * rate[i]
+
+
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)
 def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Return whether low < a < high in every entry."""

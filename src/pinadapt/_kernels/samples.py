@@ -13,12 +13,13 @@ FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
 _OF_BOUNDS = "fastest", "tolerance", "leap", "clear", "slow", "lowest", "highest"
-_OF_JOINT = (
-    *("rate", "raw_q", "raw_v", "jitter", "residual", "way", "change", "still_q", "still_v"),
-    *("kind", "size", "bound", "distrust", "unseen", "displaced"),
-)
 BOUNDS = np.dtype([(name, float) for name in _OF_BOUNDS])  # of a joint, see ``Guards``
-JOINT = np.dtype([(name, float) for name in _OF_JOINT])  # what is kept of one, for the next sample
+_FIELDS = ", ".join(f"('{name}', f8)" for name in _OF_BOUNDS)
+# What is kept of a joint for the next sample: what is used of it and what was measured, leaky sums,
+# for how long it has been the same, and what is wrong with it.
+RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V = range(9)
+KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED = range(9, 15)
+KEPT = 15
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -31,15 +32,10 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 # late, double: counts of an encoder shake it
 
 
-def _records(names: tuple[str, ...]) -> str:
-    """Return an array of records of these numbers as a signature names it."""
-    fields = ", ".join(f"('{name}', f8)" for name in names)
-    return f"Record.make_c_struct([{fields}])[::1]"
-
-
 @compiled(
-    f"i8(f8[:], f8[:], f8[:], f8, f8, b1, {_records(_OF_BOUNDS)}, i8[::1], {_records(_OF_JOINT)},"
-    f" {_records(_OF_JOINT)}, f8[::1], f8[::1], f8[::1])",
+    "i8(f8[:], f8[:], f8[:], f8, f8, b1, "
+    f"Record.make_c_struct([{_FIELDS}])[::1], "
+    "i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1])",
     fills=4,
 )
 def check_joints(
@@ -88,8 +84,8 @@ def check_joints(
         begun: whether there was a step before.
         bounds: (n) of ``BOUNDS``, see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
-        before: (n) of ``JOINT``, at the sample before.
-        after: (n) the same with this sample.
+        before: (15, n) what is kept of each joint, at the sample before.
+        after: (15, n) the same with this sample.
         shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m]; the
             sample is added.
         q_used: (nq) of the sample, as far as it is used.
@@ -98,13 +94,13 @@ def check_joints(
     for k in range(len(q)):
         q_used[k] = q[k]
     for i in range(len(v)):
-        change = abs(v[i] - before[i]["raw_v"])
+        change = abs(v[i] - before[RAW_V, i])
         if change > 0.0 and not 0.0 < shared[0] < change:
             shared[0] = change
     leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
     for i in range(len(v)):
-        old, new, most, k, speed = before[i], after[i], bounds[i], places[i], v[i]
-        rate, way, circle, plain = old["rate"], q[k] - q_before[k], True, places[i + 1] == k + 1
+        old, new, most, k, speed = before[:, i], after[:, i], bounds[i], places[i], v[i]
+        rate, way, circle, plain = old[RATE], q[k] - q_before[k], True, places[i + 1] == k + 1
         resting &= abs(speed) < most["slow"]
         if not plain:
             circle = abs(q[k] ** 2 + q[k + 1] ** 2 - 1.0) < 0.02
@@ -113,12 +109,12 @@ def check_joints(
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
         r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
-        R_before, D_before = leak * old["residual"], leak * old["way"]
-        C_before = leak * old["change"]
+        R_before, D_before = leak * old[RESIDUAL], leak * old[WAY]
+        C_before = leak * old[CHANGE]
         R, D, C_late = R_before + r, D_before + way, _LATE * (C_before + speed - rate)
-        same = q[k] == old["raw_q"]
-        still_q = old["still_q"] + dt if same else 0.0
-        still_v = old["still_v"] + dt if speed == old["raw_v"] else 0.0
+        same = q[k] == old[RAW_Q]
+        still_q = old[STILL_Q] + dt if same else 0.0
+        still_v = old[STILL_V] + dt if speed == old[RAW_V] else 0.0
 
         tolerance = most["tolerance"]
         apart = tolerance + MEMORY * shared[0]
@@ -130,10 +126,10 @@ def check_joints(
         jump = tolerance + 2.0 * dt * max(abs(speed), abs(rate))
         leap = abs(speed - rate) > most["leap"] and abs(way - rate * dt) < abs(r)
         inside = most["lowest"] <= q[k] <= most["highest"]
-        distrust = old["distrust"]
+        distrust = old[DISTRUST]
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
-        clear = max(most["clear"], _AT_ONCE * old["jitter"])
+        clear = max(most["clear"], _AT_ONCE * old[JITTER])
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
@@ -170,18 +166,18 @@ def check_joints(
                 q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
         v_used[i], turned = used, turned + abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
-        new["rate"], new["raw_q"], new["raw_v"] = used, q[k], speed
-        new["residual"] = R_before + (0.0 if no_q or no_v else r)
-        new["way"], new["change"] = D_before + way, C_before + used - rate
-        new["jitter"] = old["jitter"]
+        new[RATE], new[RAW_Q], new[RAW_V] = used, q[k], speed
+        new[RESIDUAL] = R_before + (0.0 if no_q or no_v else r)
+        new[WAY], new[CHANGE] = D_before + way, C_before + used - rate
+        new[JITTER] = old[JITTER]
         if kind != STOPPED:
-            new["jitter"] = max(leak * old["jitter"], abs(speed - rate))
-        new["kind"], new["size"], new["bound"] = kind, size, bound
+            new[JITTER] = max(leak * old[JITTER], abs(speed - rate))
+        new[KIND], new[SIZE], new[BOUND] = kind, size, bound
         if kind <= MISSING and distrust != 0.0:  # why it is distrusted
-            new["kind"], new["size"], new["bound"] = old["kind"], old["size"], old["bound"]
-        new["still_q"], new["still_v"], new["distrust"] = still_q, still_v, distrust
-        new["unseen"] = old["unseen"] + dt if no_q and no_v else 0.0
-        new["displaced"] = old["displaced"] + way if decay > 0.0 else 0.0
+            new[KIND], new[SIZE], new[BOUND] = old[KIND], old[SIZE], old[BOUND]
+        new[STILL_Q], new[STILL_V], new[DISTRUST] = still_q, still_v, distrust
+        new[UNSEEN] = old[UNSEEN] + dt if no_q and no_v else 0.0
+        new[DISPLACED] = old[DISPLACED] + way if decay > 0.0 else 0.0
     shared[1] += turned
     return 2 if wrong else 1 if resting else 0
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, definite_matrix, whole
+from .._kernels import estimates as kernels
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -28,10 +30,17 @@ class Gradient(Adaptation):
         """
         size = whole(size, "size", 0, most=MOST_PARAMETERS)
         self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, size, name))
+        self._descent = -self.Gamma
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return Estimate(-self.Gamma.dot(drive.gradient))
+        return Estimate(self._descent.dot(drive.gradient))
+
+    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
+        """Return the estimate after dt [s] with the drive held."""
+        value, after = estimate.value, empty(estimate.value.size)
+        kernels.advance(value, self._descent.dot(drive.gradient), dt, after)
+        return Estimate(after)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""

@@ -52,7 +52,7 @@ class PredictionWeight:
             S = W.dot(times_Gamma(W.T))
             S.flat[:: len(W) + 1] += self.floor
             R = self.rate * np.linalg.inv(S)
-            return np.asarray(0.5 * (R + R.T))
+            return 0.5 * (R + R.T)
         if constant is None:
             return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
         return constant if constant.ndim == 2 else np.diag(np.broadcast_to(constant, len(W)))
@@ -185,7 +185,9 @@ class LeastSquares(Adaptation):
             size = self.size(self._information(estimate))
             kept, restored = size + (1.0 - size) * kept, 0.0
         rate, information = self._moved(estimate, drive, dt, kept, restored)
-        return Estimate(estimate.value + dt * rate, (information,))
+        value = empty(rate.size)
+        kernels.advance(estimate.value, rate, dt, value)
+        return Estimate(value, (information,))
 
     def _moved(
         self,

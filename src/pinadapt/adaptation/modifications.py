@@ -61,7 +61,7 @@ class Leak(Wrapper):
 
     def _added(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -lambda (a - a_0) (p)."""
-        return np.asarray(self.leak_rate(drive) * (estimate.memory[0] - estimate.value))
+        return self.leak_rate(drive) * (estimate.memory[0] - estimate.value)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""

@@ -94,10 +94,6 @@ class MatrixInequality:
         """Return P (k, n, n) at parameters a (k p)."""
         return a.reshape(self.blocks, self._p).dot(self._flat).reshape(-1, self._n, self._n)
 
-    def covectors(self, g: np.ndarray) -> np.ndarray:
-        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p)."""
-        return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
-
     def metric(self, a: np.ndarray) -> np.ndarray:
         """Return the Hessian of -log det (p, p) at a (p): tr(P^-1 F_i P^-1 F_j), of one block."""
         G = np.linalg.solve(self.matrices(a)[0], self.F)
@@ -114,11 +110,11 @@ class MatrixInequality:
             gamma: (k) factors of the blocks.
         """
         if not self.complete:
-            return np.asarray(gamma * np.linalg.solve(self.metric(a), X))
+            return gamma * np.linalg.solve(self.metric(a), X)
         P, size = gamma[:, None, None] ** 0.5 * self.matrices(a), self._n**2
         both = P[:, :, None, :, None] * P[:, None, :, None, :]  # P L P is this times L
         blocks = self._dual @ both.reshape(-1, size, size) @ self._dual.T
-        return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
+        return (blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape)
 
     def contains(self, a: np.ndarray) -> bool:
         """Return whether every block is positive definite at a (k p)."""
@@ -346,7 +342,7 @@ class ExponentiatedGradient(Adaptation):
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), Gamma = gamma diag(c a)."""
-        return np.asarray((self._rates * estimate.value)[:, None] * X)
+        return (self._rates * estimate.value)[:, None] * X
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma).

@@ -233,7 +233,7 @@ def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
         raise DivergedError(_LOST) from error
     if residual[-1] > -1e-12:
         raise DivergedError(_LOST)
-    return np.asarray(-size * residual[:-1] / residual[-1])
+    return -size * residual[:-1] / residual[-1]
 
 
 class GravityProjection(Wrapper):

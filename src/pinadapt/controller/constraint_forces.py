@@ -41,6 +41,9 @@ class Missed(NamedTuple):
     cause: str = ""
 
 
+FEASIBLE = Missed()
+
+
 class Solution(NamedTuple):
     """Motor torques and constraint forces that make a wanted torque.
 
@@ -176,7 +179,7 @@ class ConstraintForces:
         beyond = needed - given
         size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
         if not size > _MISSED * math.sqrt(wanted.dot(wanted)):
-            return Solution(torque, forces, Missed())
+            return Solution(torque, forces, FEASIBLE)
         pressed, names = np.abs(beyond), self._efforts
         if self._contacts:
             at = C @ x
@@ -209,13 +212,11 @@ def _pyramid(contact: Contact) -> np.ndarray:
     the corners bear by themselves, as they bear forces along the ground too.
     """
     mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
-    rows = [[0.0, 0.0, 1.0]]
-    rows += [[sign * (i == 0), sign * (i == 1), mu] for i in (0, 1) for sign in (-1.0, 1.0)]
-    if contact.sole is None:
-        return np.array(rows)
-    length, width = contact.sole
-    rows = [[*row, 0.0, 0.0, 0.0] for row in rows]
-    lever = 0.25 * contact.friction * (length + width)
-    for i, half in enumerate((width, length, lever)):
-        rows += [[0.0, 0.0, half, *(sign * (j == i) for j in range(3))] for sign in (-1.0, 1.0)]
-    return np.array(rows)
+    rows = np.zeros((5 if contact.sole is None else 11, 3 if contact.sole is None else 6))
+    rows[:5, :3] = [[0, 0, 1], [-1, 0, mu], [1, 0, mu], [0, -1, mu], [0, 1, mu]]
+    if contact.sole is not None:
+        length, width = contact.sole
+        lever = 0.25 * contact.friction * (length + width)
+        rows[5:, 2] = np.repeat([width, length, lever], 2)
+        rows[5::2, 3:], rows[6::2, 3:] = -np.eye(3), np.eye(3)
+    return rows

@@ -33,7 +33,7 @@ from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
 from .clock import LATEST
-from .constraint_forces import ConstraintForces, Missed
+from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
@@ -344,7 +344,7 @@ class Controller:
         if self._torque_filter is None or not np.any(getattr(self.law, "lambda_d", 0.0)):
             return None
         filters = state.filters if state.start is None else state.start.filters
-        return np.asarray(filters.disturbance)
+        return filters.disturbance
 
     def disturbance_noise(self, q: np.ndarray, dt: float) -> np.ndarray | None:
         """Return the deviation (n) of ``disturbance`` by noise of the joint velocity [N m or N].
@@ -489,7 +489,7 @@ class Controller:
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
             limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = sensed.trail.joints["displaced"]
+            displaced = sensed.trail.joints[kernels.DISPLACED]
             if not hold:
                 displaced[:] = 0.0
             spring = 0.25 * damping**2 * inertia * displaced
@@ -648,7 +648,7 @@ class Controller:
             return np.zeros(feedforward.size)
         risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
         predicted = residual + filtered.state.y  # with the known part of the torque
-        return np.asarray(self._lead * (filtered.state.projected(feedforward) - predicted / risen))
+        return self._lead * (filtered.state.projected(feedforward) - predicted / risen)
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""
@@ -687,7 +687,7 @@ class Controller:
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands, s.missed = None if feet is None else feet.stands, Missed()
+        s.stands, s.missed = None if feet is None else feet.stands, FEASIBLE
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))

@@ -257,7 +257,7 @@ def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> n
     columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
     left = rows - columns @ (np.linalg.pinv(columns, ROUNDING) @ rows)
     left[:, own] = 0.0
-    return np.asarray(left)
+    return left
 
 
 def _shape_of(friction: Friction) -> dict[str, Any]:

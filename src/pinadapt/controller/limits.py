@@ -138,8 +138,8 @@ def limits_for(
     Raises:
         GainError: torque limits that are not positive.
     """
-    kinematics.update(kinematics.initial, robot.q0, np.zeros(robot.model.nv))
     still = np.zeros(robot.model.nv)
+    kinematics.update(kinematics.initial, robot.q0, still)
     s_home = kinematics.inverse(robot.q0, still, 1.0).conditioning  # damped: no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))

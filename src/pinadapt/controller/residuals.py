@@ -88,7 +88,7 @@ class Trail(NamedTuple):
     """What is kept of the samples, to compare the next one with.
 
     Attributes:
-        joints: (n) of ``kernels.JOINT``.
+        joints: (15, n) what ``kernels.check_joints`` keeps of each joint.
         shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m].
         bridged: how many samples of each channel were.
         since: the time at which each channel ceased to follow [s]; infinite where it follows.
@@ -114,9 +114,9 @@ class Trail(NamedTuple):
 
 def new_trail(v: np.ndarray, since: float = math.inf) -> Trail:
     """Return what is kept of the first sample, with its joint velocity v (n) [rad/s or m/s]."""
-    joints = np.zeros(v.size, kernels.JOINT)
-    joints["rate"] = joints["raw_v"] = v
-    joints["raw_q"] = np.nan
+    joints = np.zeros((kernels.KEPT, v.size))
+    joints[kernels.RATE] = joints[kernels.RAW_V] = v
+    joints[kernels.RAW_Q] = np.nan
     return Trail(joints, np.zeros(2), [0] * 4, [since] * 4)
 
 
@@ -151,8 +151,9 @@ class FrameFit:
             a_k: (p) the estimate [m].
             error: (m_p) the prediction error of that [m].
         """
-        n, bound, fit, moved = len(self.prior), CERTAIN * self.deviation, trail.fit, trail.shared[1]
+        n, bound, fit = len(self.prior), CERTAIN * self.deviation, trail.fit
         value, sums, since = fit or Explained(np.zeros(n), np.zeros((n, n + 1)))
+        moved: float = trail.shared.item(1)
         near = moved - since <= _FRAME
         if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
             return 0.0, bound, fit
@@ -219,10 +220,9 @@ class Guards:
         q_before = before.q
         if dt == math.inf:  # it is compared with none, and nothing is bridged
             old, q_before, dt = new_trail(v, -math.inf), q, 0.0
-        joints = np.ndarray(v.size, kernels.JOINT, empty(old.joints.nbytes // 8))  # quicker
+        joints, q_used, v_used = empty(old.joints.shape), empty(q.size), empty(v.size)
         shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
         trail = Trail(joints, shared, *counts, old.time + dt, True, old.fit)
-        q_used, v_used = empty(q.size), empty(v.size)
         answer = kernels.check_joints(
             q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
             shared, q_used, v_used,
@@ -232,7 +232,7 @@ class Guards:
         if answer != 2 or not (doubted := self._doubted(q_before, v, old, joints)).any():
             return answer, q_used, v_used, trail
         kept = old.joints.copy()
-        kept["distrust"][doubted] = kernels.NO_Q + kernels.NO_V
+        kept[kernels.DISTRUST, doubted] = kernels.NO_Q + kernels.NO_V
         return self.joints(before._replace(trail=old._replace(joints=kept)), q, v, dt, decay)
 
     def _doubted(
@@ -244,9 +244,9 @@ class Guards:
         joint that stops at once pushes the others, M_rr dv_r = M_ri v_i. If that would be seen and
         less than half of it was, nothing of the joint is used until it moves.
         """
-        doubted = joints["kind"] == kernels.STOPPED
-        doubted &= (old.joints["distrust"] == 0.0) & v.any()  # not if all stop
-        rate = old.joints["rate"]
+        doubted = joints[kernels.KIND] == kernels.STOPPED
+        doubted &= (old.joints[kernels.DISTRUST] == 0.0) & v.any()  # not if all stop
+        rate = old.joints[kernels.RATE]
         for i in np.flatnonzero(doubted).tolist():
             M = pin.crba(self.model, self.model.createData(), q_before)
             push, change = np.linalg.inv(M)[i], v - rate
@@ -266,14 +266,14 @@ class Guards:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        kinds = trail.joints["kind"]
+        kinds = trail.joints[kernels.KIND]
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED)
-        wrong |= trail.joints["distrust"] != 0.0
+        wrong |= trail.joints[kernels.DISTRUST] != 0.0
         if not wrong.any():
             trail.since[JOINTS] = math.inf
             return
         i = int(np.argmax(wrong))
-        size, bound = trail.joints["size"][i], trail.joints["bound"][i]
+        size, bound = trail.joints[kernels.SIZE, i], trail.joints[kernels.BOUND, i]
         summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
         self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, trail, i, summed)
 
@@ -302,19 +302,24 @@ class Guards:
         return sample._replace(tau=None)
 
     def bridge_frame(
-        self, sample: Measurement, sensed: SensedState, a_k: np.ndarray, trail: Trail
+        self,
+        sample: Measurement,
+        error: np.ndarray,
+        X: np.ndarray,
+        a_k: np.ndarray,
+        trail: Trail,
     ) -> tuple[Measurement, Trail]:
         """Return a sample without a frame that does not follow, and the trail, where it counts.
 
-        What is known with the frame has the prediction error of the estimate a_k (p) [m].
+        The estimate a_k (p) [m] has the prediction error (m_p) [m], with the regressor X (m_p, p).
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
         if self.frames is None:
-            size, bound, fit = float(np.linalg.norm(sensed.epsilon)), self.farthest, None
+            size, bound, fit = float(np.linalg.norm(error)), self.farthest, None
         else:
-            size, bound, fit = self.frames.after(trail, sensed.X_k, a_k, sensed.epsilon)
+            size, bound, fit = self.frames.after(trail, X, a_k, error)
         if size > bound:
             self._bridge(_MOVED, sample, size, bound, trail)
             return sample._replace(x=None, x_time=None, xd=None), trail

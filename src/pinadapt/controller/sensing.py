@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from .._kernels import samples as kernels
 from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement, SensorQuality, Sensors
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
-from .clock import Clock, stood
+from . import clock
 from .first_samples import FirstSamples, make_first_samples
 from .residuals import TIME, Guards, make_guards, new_trail
 
@@ -33,7 +34,8 @@ class Senses:
         low_pass: on the measured joint velocity, or None.
         quality: of the sensors for which all this is made.
         sensors: for which all this is made.
-        clock: what time a sample stands for.
+        timed: whether times must go forward, and the period is the time since the last sample where
+            one was dropped.
         first: the torque against the momentum, in the first samples; None: it is not compared.
     """
 
@@ -42,7 +44,7 @@ class Senses:
     low_pass: LowPass | None = None
     quality: SensorQuality = field(default_factory=SensorQuality)
     sensors: Sensors = field(default_factory=Sensors)
-    clock: Clock = field(default_factory=Clock)
+    timed: bool = False
     first: FirstSamples | None = None
 
     def init(
@@ -95,20 +97,19 @@ class Senses:
         guards, first, elapsed, since = self.guards, before.first, 0.0, math.inf
         t, q, v, x, x_time, _, _, tau, _ = measurement
         if dt is not ...:
-            elapsed, since = self.clock.elapsed(t_before, t, dt, period)
+            elapsed, since = clock.elapsed(t_before, t, dt, period, self.timed)
         answer, q, v, trail = guards.joints(before, q, v, since)
+        if answer == 2:
+            guards.bridge_joints(measurement, trail)
         if dt is not ...:
             if elapsed or not before.trail.begun:
                 trail.since[TIME], elapsed = math.inf, elapsed or dt
             else:
-                stood(trail, t, min(dt, period))
-        if answer == 2:
-            guards.bridge_joints(measurement, trail)
-        if dt is not ...:
+                clock.stood(trail, t, min(dt, period))
             if tau is not None:
                 measurement = guards.bridge_torque(measurement, trail, sent)
             if first is not None and self.first is not None:
-                mean = 0.5 * (v + before.trail.joints["rate"])
+                mean = 0.5 * (v + before.trail.joints[kernels.RATE])
                 first = self.first.after(first, q, mean, since)
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
@@ -116,14 +117,15 @@ class Senses:
         late = x_time is not None and x_time != t
         if not kinematics.positions:  # x follows from q
             x, late = kinematics.x_hat, False
-        follow = before, t_before, t, q, v
-        sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
-        if kinematics.positions and x is not None:
-            if not late or sensed.frame is not before.frame:
-                measurement, trail = guards.bridge_frame(measurement, sensed, a_k, trail)
+        follow, seen = (before, t_before, t, q), x is not None
+        found = self.compensator.update(*follow, x, x_time if late else None, kinematics)
+        x, epsilon, X_k, frame, _ = found
+        if kinematics.positions and seen:
+            if not late or frame is not before.frame:
+                measurement, trail = guards.bridge_frame(measurement, epsilon, X_k, a_k, trail)
             if measurement.x is None:
-                sensed = self.compensator.update(*follow, None, None, kinematics)
-        sensed = SensedState(*sensed[:-2], first, trail)
+                found = self.compensator.update(*follow, None, None, kinematics)
+        sensed = SensedState(q, v, *found, first, trail)
         return sensed, answer == 1, measurement, elapsed
 
     def believed(
@@ -178,6 +180,6 @@ def make_senses(
         low_pass,
         quality,
         sensors,
-        Clock(on["time"]),
+        on["time"],
         first,
     )

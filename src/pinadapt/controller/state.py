@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import flag
+from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
-from .constraint_forces import Missed
+from .constraint_forces import FEASIBLE, Missed
 from .governor import PathTime
 from .residuals import LASTS
 
@@ -71,7 +72,7 @@ class ControllerState(NamedTuple):
     torque_filter: Any = ()
     path: PathTime | None = None
     start: Any = None
-    missed: Missed = Missed()
+    missed: Missed = FEASIBLE
     footing: np.ndarray = _NO_FOOTING
 
     @property
@@ -101,7 +102,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        return np.asarray(self.sensed.trail.joints["unseen"] > LASTS)
+        return self.sensed.trail.joints[kernels.UNSEEN] > LASTS
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.

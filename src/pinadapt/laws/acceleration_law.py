@@ -165,4 +165,3 @@ class ComputedTorque(ResolvedAcceleration):
     name = "computed-torque"
     sources = ("Markiewicz1973", "LuhWalkerPaul1980")
     joint_space = True
-    units = ("1/s", "1/s^2")

@@ -106,7 +106,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
         m = self.task.size
         A = np.block([[np.zeros((m, m)), np.eye(m)], [-self.K_P, -self.K_v]])
-        return np.asarray(solve_continuous_lyapunov(A.T, -self.Q))  # (31)
+        return solve_continuous_lyapunov(A.T, -self.Q)  # (31)
 
     @cached_property
     def _turning(self) -> np.ndarray:
@@ -166,7 +166,6 @@ class Craig(AdaptiveInverseDynamicsVelocity):
     name = "craig"
     sources = ("CraigHsuSastry1987",)
     joint_space = True
-    units = ("1/s", "1/s^2")
 
 
 class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
@@ -228,4 +227,3 @@ class SpongOrtega(AdaptiveInverseDynamicsImproved):
     name = "spong-ortega"
     sources = ("SpongOrtega1990",)
     joint_space = True
-    units = ("1/s", "1/s^2")

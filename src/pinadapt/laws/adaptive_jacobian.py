@@ -88,7 +88,13 @@ class AdaptiveJacobian(TaskFeedback):
     @classmethod
     def felt(cls, motion: TypicalMotion, dt: float) -> float | np.ndarray:
         """Return the mass or inertia felt by the task rows at home, a number or (m)."""
-        return felt_by_task(motion, dt)
+        robot, task, w = motion.robot, motion.kinematics.task, motion.bandwidth
+        if not task.positions:
+            return joint_inertia(robot)
+        mass = felt_mass(robot)
+        if isinstance(task, PoseTask):
+            return np.repeat([mass, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
+        return mass
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
@@ -102,7 +108,7 @@ class AdaptiveJacobian(TaskFeedback):
     def _error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
         psi = self.posture.null_motion(s)[0]
-        return np.asarray(s.v - s.inverse.solve(s.xd_d - self.alpha * s.dx, psi))
+        return s.v - s.inverse.solve(s.xd_d - self.alpha * s.dx, psi)
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
@@ -148,14 +154,3 @@ class AdaptiveJacobian(TaskFeedback):
             stiffness = J_W.T @ self.K_P @ J_W
             found.append(Feedback(stiffness, damping + self.alpha * P, N, damping + N))
         return found
-
-
-def felt_by_task(motion: TypicalMotion, dt: float) -> float | np.ndarray:
-    """Return the mass or inertia felt by the task rows at home, a number or (m)."""
-    robot, task, w = motion.robot, motion.kinematics.task, motion.bandwidth
-    if not task.positions:
-        return joint_inertia(robot)
-    mass = felt_mass(robot)
-    if isinstance(task, PoseTask):
-        return np.repeat([mass, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
-    return mass

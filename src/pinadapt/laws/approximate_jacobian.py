@@ -22,7 +22,7 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
-from .adaptive_jacobian import felt_by_task
+from .adaptive_jacobian import AdaptiveJacobian
 from .law import (
     Command,
     EstimatedModel,
@@ -74,7 +74,7 @@ class Saturation:
 
     def _sizes(self, dx: np.ndarray) -> np.ndarray:
         """Return |dx_i| / w_i (m), on the rows of a rotation |phi| / w."""
-        return np.asarray(np.sqrt(self._together @ (dx * dx)) / self.width)
+        return np.sqrt(self._together @ (dx * dx)) / self.width
 
     def of(self, dx: np.ndarray) -> np.ndarray:
         """Return s (m) of an error dx (m) [m or rad]."""
@@ -85,13 +85,13 @@ class Saturation:
         u, squares = self._sizes(dx), self._together @ (dx * dx)
         radial = self._together @ (dx * dxd) / np.maximum(squares, np.finfo(float).tiny) * dx
         slope, ratio = 1.0 / np.cosh(np.minimum(u, 300.0)) ** 2, _ratio(u)
-        return np.asarray(ratio * dxd + (slope - ratio) * radial)
+        return ratio * dxd + (slope - ratio) * radial
 
     def potential(self, dx: np.ndarray) -> np.ndarray:
         """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in equal parts."""
         u = self._sizes(dx)
         S = self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0))
-        return np.asarray(S / self._together.sum(axis=1))
+        return S / self._together.sum(axis=1)
 
 
 def _ratio(u: np.ndarray) -> np.ndarray:
@@ -163,7 +163,6 @@ class ApproximateJacobian(Law):
     set_point = True
     uses_acceleration = False
     learns_kinematics = False
-    adaptation_mode = 2.0
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "Kp": 2.0}
     units = ("N m s/rad", "N/m, for rotations and joints N m/rad")
 
@@ -196,7 +195,7 @@ class ApproximateJacobian(Law):
 
     @cached_property
     def _compliance(self) -> np.ndarray:
-        return np.asarray(np.linalg.inv(self.K_v))
+        return np.linalg.inv(self.K_v)
 
     @classmethod
     def tuned(
@@ -209,7 +208,7 @@ class ApproximateJacobian(Law):
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
-        stiffness, task = w * w * felt_by_task(motion, dt), motion.kinematics.task
+        stiffness, task = w * w * AdaptiveJacobian.felt(motion, dt), motion.kinematics.task
         width = np.full(task.size, _TURN)
         width[: task.positions] = _WIDTH * motion.robot.reach
         return {
@@ -234,11 +233,11 @@ class ApproximateJacobian(Law):
 
     def brake(self, v: np.ndarray) -> np.ndarray:
         """Return the damping torque K_v qd (n) [N m or N] at joint velocity v (n)."""
-        return np.asarray(self.K_v.dot(v))
+        return self.K_v.dot(v)
 
     def _pull(self, s: Signals) -> np.ndarray:
         """Return F = J_hat^T K_P s(dx) (n) [N m or N]."""
-        return np.asarray(self.K_P.dot(self.saturation.of(s.dx)).dot(s.J))
+        return self.K_P.dot(self.saturation.of(s.dx)).dot(s.J)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return qd^T M (qd / 2 + z) + S(dx), M the true mass matrix."""
@@ -284,7 +283,7 @@ def _joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarra
     root = np.linalg.solve(W, modes)
     frequencies = np.sqrt(np.maximum(squares, (_NULL * w) ** 2))
     dampings = (root * frequencies[:, None]) @ root.swapaxes(1, 2)
-    return np.asarray(2.0 * dampings.mean(axis=0))
+    return 2.0 * dampings.mean(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,7 +390,7 @@ class BoundedTorque(ApproximateJacobian):
     def brake_limit(self) -> np.ndarray:
         """What the damping torque stays below (n) [N m or N], d."""
         spring = _spring(self.kinematics, self.K_P, self.width)
-        return np.asarray(self.bound - self.gravity - spring)
+        return self.bound - self.gravity - spring
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
@@ -463,7 +462,7 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
             where="bound",
             hint='State them in the description, or take the law "approximate-jacobian".',
         )
-    return np.asarray(linear * np.linalg.norm(force[:p]) + angular * force[p:].max(initial=0.0))
+    return linear * np.linalg.norm(force[:p]) + angular * force[p:].max(initial=0.0)
 
 
 def _worst_gravity(robot: Robot) -> np.ndarray:
@@ -476,4 +475,4 @@ def _worst_gravity(robot: Robot) -> np.ndarray:
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]
     asked = [np.array(pin.computeGeneralizedGravity(model, data, q)) for q in places]
     aside = 0.05 * robot.reach * load.mass * np.linalg.norm(model.gravity.linear)
-    return np.asarray(np.abs(asked).max(axis=0) + aside)
+    return np.abs(asked).max(axis=0) + aside

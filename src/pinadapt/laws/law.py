@@ -271,9 +271,7 @@ class Law(ABC):
         w = share * motion.bandwidth
         gains = merged(cls.default_gains(motion, dt, w), given)
         posture = Posture.of(motion.robot, given.get("posture"), cls.posture_share * w)
-        make: Any = cls
-        made: Own = make(motion.kinematics.task, posture, **gains)
-        return made
+        return cls(motion.kinematics.task, posture, **gains)  # type: ignore[call-arg]
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:

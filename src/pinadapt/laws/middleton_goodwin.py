@@ -9,10 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation.adaptation import Drives
-from ..filters import Filters
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
-from .law import Command, EstimatedModel, Truth
+from .law import Command, EstimatedModel, Law, Truth
 
 # [rad or m] of a central difference, where truncation and rounding are as large
 _STEP = float(np.cbrt(np.finfo(float).eps))
@@ -72,10 +71,7 @@ class MiddletonGoodwin(AccelerationLaw):
     uses_acceleration = False
     prediction_mode = 4.0
 
-    @property
-    def filters(self) -> Filters:  # type: ignore[override]
-        """None of its own: those of the prediction are the controller's."""
-        return Filters()
+    filters = Law.filters  # type: ignore[assignment]  # those of the prediction are the controller's
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the modified computed torque; the controller adds the prediction error."""
@@ -120,4 +116,4 @@ def _mass_rate_times(
     ahead, behind = (
         dynamics.mass_matrix(pin.integrate(chain, s.q, way * s.v)).dot(z) for way in (h, -h)
     )
-    return np.asarray((ahead - behind) / (2.0 * h) + of_estimate.dot(a_rate))
+    return (ahead - behind) / (2.0 * h) + of_estimate.dot(a_rate)

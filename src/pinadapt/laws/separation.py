@@ -222,7 +222,7 @@ class Separation(Law):
     def K_D(self, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Return K_D (n, n) [N m s/rad or N s/m] at q (nq) and an estimate a_d (p)."""
         if self.dynamics is None or not self.lag:
-            return np.asarray(self.K_v)
+            return self.K_v
         self.dynamics.load(a_d)
         return self._limited(self.dynamics.mass_matrix(q))
 
@@ -256,7 +256,7 @@ class Separation(Law):
             still, fixed = np.zeros(qd_r.size), np.zeros(s.J.shape)
             none = None if psi is None else still
             qd_r = s.inverse.keeping(self.speeds, qd_r, still, psi, none, fixed)[0]
-        return np.asarray(s.v - qd_r)
+        return s.v - qd_r
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s - d, and the drives of both estimates."""

@@ -61,7 +61,7 @@ class TaskFeedback(Law):
     @cached_property
     def K_PV(self) -> np.ndarray:
         """K_P + alpha K_v (m, m)."""
-        return np.asarray(self.K_P + self.alpha * self.K_v)
+        return self.K_P + self.alpha * self.K_v
 
     def _errors(self, s: Signals, alpha: float) -> tuple[np.ndarray, Drive]:
         """Return e = dxd_hat + alpha dx (m), and the drive of the kinematic estimate.

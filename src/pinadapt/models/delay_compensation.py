@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -28,6 +28,8 @@ import pinocchio as pin
 from .._checks import ROUNDING
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
+
+History: TypeAlias = tuple[tuple[float, np.ndarray], ...]
 
 
 class Frame(NamedTuple):
@@ -74,7 +76,7 @@ class SensedState(NamedTuple):
     epsilon: np.ndarray = np.zeros(0)
     X_k: np.ndarray = np.zeros((0, 0))
     frame: Frame | None = None
-    history: tuple[tuple[float, np.ndarray], ...] = ()
+    history: History = ()
     first: Any = None
     trail: Any = None
 
@@ -100,19 +102,19 @@ class DelayCompensator:
         t_before: float,
         t: float,
         q: np.ndarray,
-        v: np.ndarray,
         x: np.ndarray | None,
         x_time: float | None,
         kinematics: TaskKinematics,
-    ) -> SensedState:
-        """Return the sensed state at a sample, at which the kinematics were last updated.
+    ) -> tuple[np.ndarray | None, np.ndarray, np.ndarray, Frame | None, History]:
+        """Return x, epsilon, X_k, frame and history of the ``SensedState`` at a sample.
+
+        The kinematics were last updated there.
 
         Args:
             before: the sensed state at the sample before.
             t_before: time of that sample [s].
             t: time of this sample [s].
             q: (nq) its configuration.
-            v: (n) its joint velocity [rad/s or m/s].
             x: measured coordinates; None: no frame arrived.
             x_time: the time at which they were taken [s]; None: t.
             kinematics: the estimated kinematics.
@@ -126,9 +128,9 @@ class DelayCompensator:
         if now or not self.enabled or before.x is None:
             x = before.x if x is None else x.copy()
             if x is None:
-                return SensedState(q, v)
+                return None, np.zeros(0), np.zeros((0, 0)), None, ()
             error = kinematics.p_hat - x[: kinematics.positions]
-            return SensedState(q, v, x, error, kinematics.explaining(x))
+            return x, error, kinematics.explaining(x), None, ()
         frame, history = before.frame, before.history
         if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
@@ -144,7 +146,7 @@ class DelayCompensator:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
         X_a, smooth = frame.X_k.dot(kinematics.a_k), frame.X_smooth.dot(kinematics.a_k)
         x = kinematics.task.carried(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
-        return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
+        return x, X_a + frame.b, frame.X_k, frame, history
 
     def _frame(
         self,
@@ -167,9 +169,7 @@ class DelayCompensator:
         return Frame(t, X_k, b, X_smooth, b_smooth, turn)
 
 
-def _at(
-    history: tuple[tuple[float, np.ndarray], ...], t: float, kinematics: TaskKinematics
-) -> tuple[tuple[tuple[float, np.ndarray], ...], np.ndarray]:
+def _at(history: History, t: float, kinematics: TaskKinematics) -> tuple[History, np.ndarray]:
     """Return the history from the last sample before time t [s], and the configuration (nq) at t.
 
     At times before all samples it is that of the first one.

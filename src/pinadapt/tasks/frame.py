@@ -18,7 +18,7 @@ from .task import Display, RowGroup, Task
 
 def quaternion(R: np.ndarray) -> np.ndarray:
     """Return a rotation matrix (3, 3) as a unit quaternion xyzw (4); its sign is arbitrary."""
-    return np.asarray(pin.Quaternion(R).coeffs())
+    return pin.Quaternion(R).coeffs()
 
 
 def _quaternion(q: np.ndarray) -> pin.Quaternion:
@@ -28,18 +28,18 @@ def _quaternion(q: np.ndarray) -> pin.Quaternion:
 
 def matrix(q: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a quaternion xyzw (4) of any length but zero."""
-    return np.asarray(_quaternion(q).toRotationMatrix())
+    return _quaternion(q).toRotationMatrix()
 
 
 def turned(q: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the quaternion (4) of exp(phi) R: q (4) turned by phi (3) [rad] in world axes."""
     turn = pin.Quaternion(pin.exp3_quat(np.asarray(phi, dtype=float)))
-    return np.asarray((turn * _quaternion(q)).normalized().coeffs())
+    return (turn * _quaternion(q)).normalized().coeffs()
 
 
 def rotation_between(q: np.ndarray, q_d: np.ndarray) -> np.ndarray:
     """Return phi (3) [rad], |phi| <= pi, exp(phi) = R R_d^T, for quaternions xyzw of R, R_d."""
-    return np.asarray(pin.log3(_quaternion(q) * _quaternion(q_d).conjugate()))
+    return pin.log3(_quaternion(q) * _quaternion(q_d).conjugate())
 
 
 def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
     orthogonal to phi: phi^T dphi/dt = phi^T (omega - omega_d).
     """
     inverse = pin.Jlog3(pin.exp3(phi))
-    return np.asarray(inverse.T @ omega - inverse @ omega_d - (omega - omega_d))
+    return inverse.T @ omega - inverse @ omega_d - (omega - omega_d)
 
 
 IMAGE, COM = "image", "com"
@@ -254,7 +254,7 @@ class ImageTask(PositionTask):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates y (m) of a frame's placement in the axes of the base."""
         above, below = (H[:, :3] @ placement.translation + H[:, 3] for H in self.projections)
-        return np.asarray(above / below)
+        return above / below
 
     def nearest(self, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the point (3) near p (3) [m], in the axes of the base, whose picture is y (m)."""
@@ -272,7 +272,7 @@ class ImageTask(PositionTask):
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""
         y, (above, below) = self.of(placement), self.projections
         z = below[:, :3] @ placement.translation + below[:, 3]
-        return np.asarray((above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None])
+        return (above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None]
 
 
 @dataclass(frozen=True)
@@ -389,19 +389,15 @@ def pinhole_camera(
     right /= np.linalg.norm(right)
     R = pin.exp3(np.array([0.0, 0.0, -turn])) @ np.array([right, np.cross(forward, right), forward])
     K = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
-    return np.asarray(K @ np.column_stack([R, -R @ eye]))
-
-
-def _position_task(name: str) -> FrameTask:
-    """Return the task of the coordinates of the position that are the letters of a name."""
-    first, last = "xyz".index(name[0]), "xyz".index(name[-1])
-    rows = slice(first, last + 1, (last - first) // (len(name) - 1))
-    return PositionTask(name, tuple(name), rows)
+    return K @ np.column_stack([R, -R @ eye])
 
 
 _POSE = "x", "y", "z", "phi_x", "phi_y", "phi_z"
 TASKS: dict[str, FrameTask] = {
-    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
+    "xy": PositionTask("xy", ("x", "y"), slice(0, 2, 1)),
+    "xz": PositionTask("xz", ("x", "z"), slice(0, 3, 2)),
+    "yz": PositionTask("yz", ("y", "z"), slice(1, 3, 1)),
+    "xyz": PositionTask("xyz", ("x", "y", "z"), slice(0, 3, 1)),
     "pose": PoseTask("pose", _POSE, slice(6)),
     COM: ComTask(COM, _POSE, slice(6)),
 }

@@ -211,10 +211,8 @@ class JointTask(Task):
         """Return the coordinates (m) of a configuration q (nq)."""
         if len(q) == self.size:
             return np.array(q, dtype=float)
-        x = np.empty(self.size)
-        for j, (i, endless) in enumerate(zip(self.places, self.continuous, strict=True)):
-            x[j] = math.atan2(q[i + 1], q[i]) if endless else q[i]
-        return x
+        places = zip(self.places, self.continuous, strict=True)
+        return np.array([math.atan2(q[i + 1], q[i]) if endless else q[i] for i, endless in places])
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
@@ -232,4 +230,4 @@ class JointTask(Task):
         for j, endless in enumerate(self.continuous):
             if endless and math.isfinite(dx[j]):
                 dx[j] = math.remainder(dx[j], 2.0 * math.pi)
-        return np.asarray(dx)
+        return dx

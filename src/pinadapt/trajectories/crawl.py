@@ -152,4 +152,4 @@ def _inside(triangle: np.ndarray) -> np.ndarray:
     incentre = np.average(triangle, axis=0, weights=edges)
     opposite = int(np.argmax(edges))
     middle = 0.5 * (triangle[opposite - 1] + triangle[opposite - 2])
-    return np.asarray(middle + _MARGIN * (incentre - middle))
+    return middle + _MARGIN * (incentre - middle)

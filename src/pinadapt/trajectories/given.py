@@ -82,7 +82,7 @@ def _coordinates(value: Any, t: float) -> list[np.ndarray]:
         value = (value,)
     try:
         return [
-            np.asarray(pin.SE3ToXYZQUAT(part))
+            pin.SE3ToXYZQUAT(part)
             if isinstance(part, pin.SE3)
             else vector(part, None, "trajectory")
             for part in value
