@@ -17,9 +17,10 @@ BOUNDS = np.dtype([(name, float) for name in _OF_BOUNDS])  # of a joint, see ``G
 _FIELDS = ", ".join(f"('{name}', f8)" for name in _OF_BOUNDS)
 # What is kept of a joint for the next sample: what is used of it and what was measured, leaky sums,
 # for how long it has been the same, and what is wrong with it.
-RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V = range(9)
-KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED = range(9, 15)
-KEPT = 15
+(
+    RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V,
+    KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED, KEPT,
+) = range(16)  # fmt: skip
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes

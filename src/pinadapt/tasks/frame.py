@@ -392,12 +392,16 @@ def pinhole_camera(
     return K @ np.column_stack([R, -R @ eye])
 
 
+def _position_task(name: str) -> FrameTask:
+    """Return the task of the coordinates of the position that are the letters of a name."""
+    first, last = "xyz".index(name[0]), "xyz".index(name[-1])
+    rows = slice(first, last + 1, (last - first) // (len(name) - 1))
+    return PositionTask(name, tuple(name), rows)
+
+
 _POSE = "x", "y", "z", "phi_x", "phi_y", "phi_z"
 TASKS: dict[str, FrameTask] = {
-    "xy": PositionTask("xy", ("x", "y"), slice(0, 2, 1)),
-    "xz": PositionTask("xz", ("x", "z"), slice(0, 3, 2)),
-    "yz": PositionTask("yz", ("y", "z"), slice(1, 3, 1)),
-    "xyz": PositionTask("xyz", ("x", "y", "z"), slice(0, 3, 1)),
+    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
     "pose": PoseTask("pose", _POSE, slice(6)),
     COM: ComTask(COM, _POSE, slice(6)),
 }
