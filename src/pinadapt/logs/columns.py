@@ -110,8 +110,9 @@ class _Columns:
         stated = self._stated.get(signal)
         if stated is not None:
             return self._stacked(self._written_out(stated))
-        names = [self._known[name] for name in NAMES[signal].split() if name in self._known]
-        arrays = (self._table[name] for name in names)
+        arrays = (
+            self._table[self._known[name]] for name in NAMES[signal].split() if name in self._known
+        )
         return next((one for one in arrays if one.ndim == dimensions), None)
 
     def _written_out(self, names: Sequence[str]) -> list[str]:
