@@ -200,7 +200,10 @@ class Allowance:
         """
         model = robot.model
         slides = np.array(list(robot.slides.values()))
-        low, high = _range(robot, slides, excursion)
+        reach = np.where(slides, _SLIDE, _TURN)
+        if excursion is not None:
+            reach = joint_numbers(excursion, "excursion", model.nv, zero=False)
+        low, high = _range(robot, reach)
         fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
         speed = np.minimum(SHARE * velocity_limits(model), fastest)
         effort = SHARE * effort_limits(model)
@@ -263,13 +266,10 @@ class Allowance:
             yield 2.0 - self.shapes.distances(q) / self.shapes.margins
 
 
-def _range(
-    robot: Robot, slides: np.ndarray, excursion: ArrayLike | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest angles or displacements (n) [rad or m].
+def _range(robot: Robot, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest angles or displacements (n), within reach (n) of home [rad, m].
 
     Raises:
-        InputError: an excursion that is not positive or has a wrong size.
         RobotError: home is outside the limits.
     """
     home, (lower, upper) = robot.home_angles, position_limits(robot.model)
@@ -282,9 +282,6 @@ def _range(
             where="q0",
             hint="Take another home pose, Robot.at or robot.q0.",
         )
-    reach = np.where(slides, _SLIDE, _TURN)
-    if excursion is not None:
-        reach = joint_numbers(excursion, "excursion", robot.model.nv, zero=False)
     margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))

@@ -55,7 +55,6 @@ OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-_ROBOTS = ("described", "robot")  # attributes that are no numbers
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _OWN = "offset"
 
@@ -178,16 +177,15 @@ class Calibration(Printed):
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""
-        record = {name: value for name, value in vars(self).items() if name not in _ROBOTS}
-        tracker = None if self.tracker is None else self.tracker.homogeneous
         whole = {
             "verdict": self.verdict,
             "trusted": self.trusted,
-            **record,
+            **vars(self),
             "robot": self.described.name,
-            "tracker": tracker,
+            "tracker": None if self.tracker is None else self.tracker.homogeneous,
             "version": __version__,
         }
+        del whole["described"]
         return dict(plain(whole))
 
     def save(self, folder: Path | str) -> None:

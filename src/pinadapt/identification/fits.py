@@ -148,8 +148,7 @@ def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.nd
     if mass is None:
         return np.zeros((0, dynamics.size + 1))
     masses = np.array([name.endswith(f".{LABELS[0]}") for name in dynamics.names], dtype=float)
-    unknown = float(masses @ dynamics.initial)
-    known = sum(body.mass for body in robot.model.inertias) - unknown
+    known = sum(body.mass for body in robot.model.inertias) - masses @ dynamics.initial
     if not (masses.any() and mass > known):
         raise ParameterError(
             f"{mass:g} kg are not more than the {known:.4g} kg of base and known bodies, or no "
@@ -347,9 +346,9 @@ class Windows(NamedTuple):
                 rest.append(F.ravel())
             found += averages.phi[:, part] @ np.array(rest)
             found -= averages.rate[:, part] @ np.array(moving)
-        whole = averages.whole
-        both, tau = found.reshape(-1, n, size + 1)[whole], averages.mean(free)[whole]
-        parts = averages.t[whole], both[:, :, :size], tau - both[:, :, size], tau
+        whole, both = averages.whole, found.reshape(-1, n, size + 1)
+        W, tau = both[whole, :, :size], averages.mean(free)[whole]
+        parts = averages.t[whole], W, tau - both[whole, :, size], tau
         return cls(*parts, averages.length, float(np.sqrt(n / np.trace(P))))
 
     def over(self, gains: np.ndarray) -> Windows:

@@ -135,29 +135,24 @@ def choose_effects(
     edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
     blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
     products = np.array([block.swapaxes(1, 2) @ block for block in blocks])
-    counts = np.array([block.shape[1] for block in blocks])
+    rows = np.array([block.shape[0] * block.shape[1] for block in blocks])
     prior = np.where(np.arange(X.shape[2]) < size, WEIGHT, 0.0)
-    noise, least = noise_levels(windows.tau)
-    coefficients = (f"{name}.{kind}" for kind in _PLAIN for name in robot.joint_names)
-    plain = list(map(dynamics.names.index, coefficients))
-    index = np.array([*range(size), *plain])
-    open_ = [
-        one
-        for one in _candidates(robot, dynamics)
-        if (armature if len(one.coefficients) > 1 else effects)
-    ]
+    (noise, least), names = noise_levels(windows.tau), robot.joint_names
+    plain = [dynamics.names.index(f"{name}.{kind}") for kind in _PLAIN for name in names]
+    index, candidates = np.array([*range(size), *plain]), _candidates(robot, dynamics)
+    open_ = [one for one in candidates if (armature if len(one.coefficients) > 1 else effects)]
     friction, words, gains = robot.friction, list[str](), list[Gain]()
     while True:
         left = _fitted(np.tensordot(noise**-2.0, products.sum(axis=0), axes=1), prior, index)
         squares = left @ products.sum(axis=0) @ left
-        noise = np.maximum(np.sqrt(squares / counts.sum()), least)
+        noise = np.maximum(np.sqrt(squares / rows.sum() * n), least)
         H = np.tensordot(noise**-2.0, products, axes=(0, 1))
-        before, found = _held_out(H, prior, index) / counts, []
+        before, found = _held_out(H, prior, index) / rows, []
         for one in open_:
             whole = np.append(index, one.columns)
             if one.shaft and (_fitted(H.sum(axis=0), prior, whole)[one.columns] > 0.0).any():
                 continue  # with negative friction or a negative rotor it is something else
-            after = _held_out(H, prior, whole) / counts
+            after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
             share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
             if share > max(_SURE * error, LEAST_GAIN):

@@ -180,11 +180,11 @@ def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
     parameters, by differences.
     """
-    frame, order = robot.model.frames[robot.frame_id].placement, [0, 1, 3, 2, 4, 5]
+    frame = robot.model.frames[robot.frame_id].placement
 
     def load(ten: np.ndarray) -> np.ndarray:
         body = frame.actInv(pin.Inertia.FromDynamicParameters(ten))
-        return np.array([body.mass, *body.lever, *body.inertia[np.triu_indices(3)][order]])
+        return np.array([body.mass, *body.lever, *body.inertia[np.tril_indices(3)]])
 
     # of the largest parameter; a hundredth and a hundred times as much: the same
     steps = 1e-6 * np.abs(ten).max() * np.eye(PER_BODY)
