@@ -209,7 +209,7 @@ def _import_options(options: Namespace) -> ImportOptions | None:
             where="identify",
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
-    return ImportOptions.of(ImportOptions.beside(logs[0])).updated(**said)
+    return ImportOptions.of(None, logs[0]).updated(**said)
 
 
 def identify(options: Namespace) -> int:
@@ -282,7 +282,7 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = place_beside(source)
     robot = _robot(options)
-    intake = ImportOptions.of(ImportOptions.beside(source)) if intake is None else intake
+    intake = ImportOptions.of(intake, source)
     log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
     about = [

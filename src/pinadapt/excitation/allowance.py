@@ -82,8 +82,7 @@ class Shapes:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
         whole, apart = cls(robot.model, geometry, np.zeros(0)), []
-        at_home = whole.distances(robot.q0[None])[0]
-        for (i, j), distance in zip(pairs, at_home, strict=True):
+        for (i, j), distance in zip(pairs, whole.distances(robot.q0[None])[0], strict=True):
             if distance > _TOUCHING:
                 apart.append(distance)
                 continue
@@ -100,9 +99,7 @@ class Shapes:
         for request in found.distanceRequests:  # accurate enough for differences, in contact too
             request.gjk_tolerance = request.epa_tolerance = 1e-9
             request.gjk_max_iterations = request.epa_max_iterations = 256
-        results = list(
-            found.distanceResults
-        )  # places where Pinocchio writes; copies cost much more
+        results = list(found.distanceResults)  # where Pinocchio writes; copies cost much more
         distances = np.zeros((len(different), len(results)))
         for row, each in zip(distances, different, strict=True):
             pin.computeDistances(self.model, data, self.geometry, found, each)
@@ -203,22 +200,24 @@ class Allowance:
         """
         model = robot.model
         slides = np.array(list(robot.slides.values()))
-        low, high = _range(robot, slides, excursion)
+        reach = np.where(slides, _SLIDE, _TURN)
+        if excursion is not None:
+            reach = joint_numbers(excursion, "excursion", model.nv, zero=False)
+        low, high = _range(robot, reach)
         fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
         speed = np.minimum(SHARE * velocity_limits(model), fastest)
-        effort, rest = SHARE * effort_limits(model), np.zeros(model.nv)
+        effort = SHARE * effort_limits(model)
         held, with_one = (
-            pin.rnea(one, one.createData(), robot.q0, rest, rest)
+            pin.computeGeneralizedGravity(one, one.createData(), robot.q0)
             for one in (model, robot.changed(payload=Payload(1.0)).model)
         )
+        each = with_one - held  # [N m or N] for a kilogram
         if load is None:
-            room = (effort - np.abs(held)) / np.maximum(
-                np.abs(with_one - held), np.finfo(float).eps
-            )  # [kg]
+            room = (effort - np.abs(held)) / np.maximum(np.abs(each), np.finfo(float).eps)
             load = max(min(LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
         mass = positive(load, "load", zero=True)
         loaded = robot.changed(payload=Payload(mass)).model if mass else model
-        needed = np.maximum(np.abs(held), np.abs(held + mass * (with_one - held)))
+        needed = np.maximum(np.abs(held), np.abs(held + mass * each))
         if (needed >= effort).any():
             j = int(np.argmax(needed / effort))
             raise RobotError(
@@ -267,13 +266,10 @@ class Allowance:
             yield 2.0 - self.shapes.distances(q) / self.shapes.margins
 
 
-def _range(
-    robot: Robot, slides: np.ndarray, excursion: ArrayLike | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest angles or displacements (n) [rad or m].
+def _range(robot: Robot, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest angles or displacements (n), within reach (n) of home [rad, m].
 
     Raises:
-        InputError: an excursion that is not positive or has a wrong size.
         RobotError: home is outside the limits.
     """
     home, (lower, upper) = robot.home_angles, position_limits(robot.model)
@@ -286,9 +282,6 @@ def _range(
             where="q0",
             hint="Take another home pose, Robot.at or robot.q0.",
         )
-    reach = np.where(slides, _SLIDE, _TURN)
-    if excursion is not None:
-        reach = joint_numbers(excursion, "excursion", robot.model.nv, zero=False)
     margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))

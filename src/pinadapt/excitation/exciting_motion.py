@@ -149,7 +149,7 @@ class _Search:
 
     def states(self, theta: np.ndarray) -> States:
         """Return the states of a motion."""
-        displacement, v, a = self.basis.motion(theta)
+        displacement, v, a = self.basis.rows @ theta.T
         return self._states(self._home + displacement, v, a)
 
     def gain(self, states: States, first: int | None = None) -> tuple[float, np.ndarray]:
@@ -171,20 +171,20 @@ class _Search:
     def information(self, theta: np.ndarray) -> Information:
         """Return the information of a motion, one measurement in each block of time."""
         W, rows = self._regressors(self.states(theta)), self.basis.period / BLOCK
-        noise, names = self._noise * np.sqrt(len(W) / rows), self._dynamics.names
-        return Information.of_rows(names, self._dynamics.initial, W, 0.0 * W[:, :, 0], noise)
+        own, noise = self._dynamics, self._noise * np.sqrt(len(W) / rows)
+        return Information.of_rows(own.names, own.initial, W, 0.0 * W[:, :, 0], noise)
 
     def _regressors(self, states: States) -> np.ndarray:
         """Return the regressors Y (N, n, p) of the torques."""
-        each = zip(*states[1:], strict=True)
-        return np.array([self._dynamics.regressor(*state) for state in each])
+        own = self._dynamics
+        return np.array([own.regressor(*state) for state in zip(*states[1:], strict=True)])
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
         """Return the coefficients of largest gain, nearly within the allowance."""
         from scipy.optimize import minimize  # here, because scipy is slow to import
 
         rng, shape = np.random.default_rng(seed), (len(self._home), self.basis.size)
-        starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
+        starts = (self.inside(rng.standard_normal(shape)) for _ in range(_STARTS))
         first = max(starts, key=lambda theta: self.gain(self.states(theta))[0])
         size, steps = np.abs(first).max(), iter(iterations)
 
@@ -232,7 +232,7 @@ class _Search:
         The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
         coefficients.
         """
-        now = self.basis.motion(theta)  # (3, N, n)
+        now = self.basis.rows @ theta.T  # (3, N, n)
         now[0] += self._home
         _, count, n = now.shape
         shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
@@ -241,8 +241,8 @@ class _Search:
         gain, changes = self.gain(states, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(states) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
-        slopes = (beyond[1:] - beyond[0] - changes) / _STEP
-        return float(beyond[0].sum()) - gain, self.basis.derivative(slopes.reshape(3, n, count))
+        slopes = ((beyond[1:] - beyond[0] - changes) / _STEP).reshape(3, n, count)
+        return float(beyond[0].sum()) - gain, (slopes @ self.basis.rows).sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -291,8 +291,11 @@ class ExcitingMotion(Printed):
         note = "Collisions of the robot with its surroundings are not checked."
         if not np.isfinite(limits.apart):
             note += " Nor are those with itself: the description has no collision geometry."
-        tables = [Table(rows), limits.table(), parameter_table(found, self.units)]
-        return Report("Exciting motion", tables, note)
+        return Report(
+            "Exciting motion",
+            [Table(rows), limits.table(), parameter_table(found, self.units)],
+            note,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,6 +355,7 @@ class RestToRest:
     Attributes:
         size: 2 K - 2.
         period: [s].
+        rows: (3, N, size) those of x - x_0, of velocity and of acceleration at N instants.
     """
 
     def __init__(self, harmonics: int, period: float, samples: int) -> None:
@@ -366,15 +370,7 @@ class RestToRest:
         w = 2.0 * np.pi / period * k
         c, s = np.cos(np.outer(times, w)), np.sin(np.outer(times, w))
         rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
-        self._rows = np.array([np.hstack(row) for row in rows]) @ self._free  # (3, N, size)
-
-    def motion(self, theta: np.ndarray) -> np.ndarray:
-        """Return displacement, velocity and acceleration (3, N, n) for theta (n, size)."""
-        return np.asarray(self._rows @ theta.T)
-
-    def derivative(self, by_states: np.ndarray) -> np.ndarray:
-        """Return a derivative (n, size) by theta from that (3, n, N) by the states."""
-        return np.asarray((by_states @ self._rows).sum(axis=0))
+        self.rows = np.array([np.hstack(row) for row in rows]) @ self._free
 
     def series(self, start: np.ndarray, theta: np.ndarray) -> FourierSeries:
         """Return the motion for theta (n, size) from a start (n)."""

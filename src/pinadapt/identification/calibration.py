@@ -55,7 +55,6 @@ OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-_ROBOTS = ("described", "robot")  # attributes that are no numbers
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _OWN = "offset"
 
@@ -136,14 +135,16 @@ class Calibration(Printed):
         nine tenths of the effect are taken for it.
         """
         rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
-        parts = ((name.rpartition("."), *numbers) for name, *numbers in rows)
-        return {name: (value, known) for (name, _, kind), value, known in parts if kind == _OWN}
+        end = f".{_OWN}"
+        return {
+            name[: -len(end)]: (value, known) for name, value, known in rows if name.endswith(end)
+        }
 
     @property
     def trusted(self) -> bool:
         """Whether the calibrated robot explains the frames, held-out ones no worse than before."""
-        after = self.after.position  # of held-out frames, whose rms scatters by some per cent
-        return after <= min(1.2 * self.before.position, _WORST * self.motion)
+        # of held-out frames, whose rms scatters by some per cent
+        return self.after.position <= min(1.2 * self.before.position, _WORST * self.motion)
 
     @property
     def verdict(self) -> str:
@@ -159,27 +160,33 @@ class Calibration(Printed):
     def sheet(self) -> Report:
         """Return what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
-        others = ", ".join(self.unidentified) or "-"
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
             ("identified by this motion", f"{len(self.combinations)} combinations"),
-            ("identified only in combination", others),
+            ("identified only in combination", ", ".join(self.unidentified) or "-"),
             ("residual", f"{noise.words()} a coordinate"),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
         slides = {f"{name}.{_OWN}" for name, yes in self.described.slides.items() if yes}
         units = ["m" if ".shift" in name or name in slides else "rad" for name in self.names]
-        found = estimate_table(self.names, self.estimate, self.deviations, units)
-        title = f"{self.described.name}, calibrated from {self.source}"
-        return Report(title, [Table(summary), found], self.verdict)
+        return Report(
+            f"{self.described.name}, calibrated from {self.source}",
+            [Table(summary), estimate_table(self.names, self.estimate, self.deviations, units)],
+            self.verdict,
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""
-        record = {name: value for name, value in vars(self).items() if name not in _ROBOTS}
-        tracker = None if self.tracker is None else self.tracker.homogeneous
-        about = {"robot": self.described.name, "tracker": tracker, "version": __version__}
-        words = {"verdict": self.verdict, "trusted": self.trusted}
-        return dict(plain({**words, **record, **about}))
+        whole = {
+            "verdict": self.verdict,
+            "trusted": self.trusted,
+            **vars(self),
+            "robot": self.described.name,
+            "tracker": None if self.tracker is None else self.tracker.homogeneous,
+            "version": __version__,
+        }
+        del whole["described"]
+        return dict(plain(whole))
 
     def save(self, folder: Path | str) -> None:
         """Write ``learned.urdf``, with the calibrated placements, and ``summary.json``.
@@ -226,7 +233,7 @@ def calibrate(
     """
     described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
     described.check_single_frame()
-    words = name_list(unknown, "unknown", InputError)
+    words = name_list(unknown, "unknown")
     logs = [
         read_log(source, described, intake=intake, torques=False)
         for source in (log if isinstance(log, list | tuple) else (log,))
@@ -239,12 +246,12 @@ def calibrate(
     kept, rows, _, noise = _fitted(whole, seen, name)
     held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
     last, first = seen.only(kept & held), seen.only(kept & ~held)
-    before, after = (_Geometry(described, placements, start) for _ in range(2))
+    after = _Geometry(described, placements, start)
     _fitted(after, first, name, noise)
+    alone = _Unknown.of(described, (), seen.task, start) if tracker else placements
+    before = _Geometry(described, alone, start)
     if tracker:
-        before = _Geometry(described, _Unknown.of(described, (), seen.task, start), start)
         _fitted(before, first, name, noise)
-    identified = _identified(placements.along, rows)
     R = np.linalg.qr(np.vstack([rows, np.eye(len(placements.names))]), mode="r")
     return Calibration(
         described=described,
@@ -254,7 +261,7 @@ def calibrate(
         estimate=whole.value(),
         deviations=np.linalg.norm(np.linalg.inv(R), axis=1) * placements.prior,
         prior=placements.prior,
-        combinations=tuple(placements.names[k] for k in identified),
+        combinations=tuple(placements.names[k] for k in _identified(placements.along, rows)),
         noise=(float(noise[0]), float(noise[1]) if len(noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
@@ -419,8 +426,9 @@ class _Unknown(NamedTuple):
         if TOOL in words:  # a position does not show how a tool is turned
             prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
             for k in range(task.size):
-                part = f"{TOOL}.{labels[k]}", model.njoints, np.eye(6)[k], prior[k], False, False
-                found.append(part)
+                found.append(
+                    (f"{TOOL}.{labels[k]}", model.njoints, np.eye(6)[k], prior[k], False, False)
+                )
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
@@ -455,13 +463,12 @@ class _Geometry:
             now, other = (placement_of(one, self._frame, of) for one in (self.model, model))
             yield self.unknown.joints == joint, now, other
 
-    def move(self, step: np.ndarray) -> _Geometry:
-        """Move the placements by a step (p) of their displacements; return the geometry."""
+    def move(self, step: np.ndarray) -> None:
+        """Move the placements by a step (p) of their displacements."""
         for own, place, _ in self._placements(self.model):
             moved = place * pin.exp6(self.unknown.axes[:, own] @ step[own])
             place.translation, place.rotation = moved.translation, moved.rotation
         self._data = self.model.createData()
-        return self
 
     def value(self) -> np.ndarray:
         """Return how far each placement is from the description (p) [m or rad].
@@ -470,8 +477,7 @@ class _Geometry:
         """
         found, axes, tracked = np.zeros(len(self.unknown.names)), *self.unknown[2::3]
         for own, now, described in self._placements(self._described):
-            six = _shift_and_turn(described.actInv(now))
-            found[own] = axes[:, own].T @ six
+            found[own] = axes[:, own].T @ _shift_and_turn(described.actInv(now))
         found[tracked] = _shift_and_turn(self.tracker())[: np.count_nonzero(tracked)]
         return found
 
@@ -575,9 +581,8 @@ def _fitted(
         return kept, share * rows, share * left.ravel(), noise / share
 
     gauss_newton(
-        lambda _: (*fit()[1:3], -geometry.value() / prior),
-        lambda _, step: geometry.move(step * prior),
-        geometry,
+        lambda: (*fit()[1:3], -geometry.value() / prior),
+        lambda step: geometry.move(step * prior),
         np.ones(len(prior)),
     )
     found = fit()

@@ -105,16 +105,15 @@ class _Prediction(NamedTuple):
 
     Attributes:
         a: (p) parameters.
-        left: w (k) of each joint: [W y] w is the residual of a window.
-        slopes: (k, p) of each joint; [W y] times it is a root of that residual's covariance.
+        columns: (k, 1 + p) of each joint; [W y] times the first one is the residual of a window,
+            times the others a root of that residual's covariance.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
         windows: that are in it.
     """
 
     a: np.ndarray
-    left: list[np.ndarray]
-    slopes: list[np.ndarray]
+    columns: list[np.ndarray]
     noise: np.ndarray
     lasting: np.ndarray
     windows: int
@@ -287,25 +286,25 @@ class Estimator:
         chosen = replace(given.with_joints(), bodies=names)
         rubbing, tried = list[str](), list[str]()
         if given.friction is None:
-            if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
+            stated = robot.friction.shafts
+            if not stated:  # a motor may turn with both joints of a wrist
                 self.robot = robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
-                tried = [part.name(robot.joint_names) for part in robot.friction.shafts]
-            shafts = tried or [part.name(robot.joint_names) for part in robot.friction.shafts]
+            shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
+            tried = [] if stated else shafts
             words = [f"{name}.{kind}" for name in joints for kind in KINDS]
             words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
             chosen = replace(chosen, friction=False, armature=False, effects=words)
             rubbing = joints
-            still, ones = self.robot.friction, np.ones(robot.model.nv)
-            friction = replace(still, breakaway=ones, fading=FADING * ones)
+            ones = np.ones(robot.model.nv)
+            friction = replace(robot.friction, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
         self._near = np.flatnonzero(np.isin(robot.joint_names, rubbing))
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         first = PER_BODY * names.index(robot.joint_names[carrier])
         self._own = slice(first, first + PER_BODY)
-        dry = [f"{name}.{kind}" for name in rubbing for kind in _DRY]
-        places = np.array([dynamics.names.index(name) for name in dry], dtype=int)
-        self._dry = places.reshape(-1, len(_DRY))
+        dry = [dynamics.names.index(f"{name}.{kind}") for name in rubbing for kind in _DRY]
+        self._dry = np.array(dry, dtype=int).reshape(-1, len(_DRY))
         # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
         self._fading = np.arange(dynamics.size, carried).reshape(self._dry.shape)
@@ -326,6 +325,8 @@ class Estimator:
         self._wrist = [self.names.index(f"{name}.{kind}") for name in tried for kind in USUAL]
         p = len(self.names)
         self._rest = slice(p - len(rubbing), p)
+        self._least = np.full(p, -np.inf)  # friction near rest is not negative
+        self._least[self._rest] = -1.0
         # [W y] B are the equations in the parameters, except those of the load
         self._B = np.zeros((self._columns + 1, p + 1))
         rest = np.delete(np.arange(p - len(rubbing)), self._load)
@@ -387,8 +388,9 @@ class Estimator:
         if self._held and measurement.tau is None:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
-        nothing = EstimatorState((), first.t, sums, (), load=self._usual, **self._nothing)
-        return self._advance(nothing, first)
+        return self._advance(
+            EstimatorState((), first.t, sums, (), load=self._usual, **self._nothing), first
+        )
 
     def announce(self, state: EstimatorState, payload: Payload | None) -> EstimatorState:
         """Return the state after another load was taken up, as a tool changer tells.
@@ -462,14 +464,15 @@ class Estimator:
         state = state._replace(sums=sums, last=(last, now))
         if now.t < state.begin + self.length:
             return state
-        W, known, tau, rest = np.split(sums[0], [self._columns, -2, -1], axis=1)
-        found = Window(W, (tau - known)[:, 0], tau[:, 0], rest[:, 0])
+        known, tau, rest = sums[0, :, -3:].T
+        found = Window(sums[0, :, :-3], tau - known, tau, rest)
         state = state._replace(
             begin=state.begin + self.length / OVERLAP,
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
         )
-        moved = (found.rest < 0.5)[self._moving].any()
-        return self._compare(state, self._weighted(state, found)) if moved else state
+        if not (found.rest < 0.5)[self._moving].any():
+            return state
+        return self._compare(state, self._weighted(state, found))
 
     def _weighted(self, state: EstimatorState, found: Window) -> Window:
         """Return a window in which a joint at rest counts by its noise and its friction.
@@ -509,7 +512,7 @@ class Estimator:
     def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
         robot, n = self.robot, self.robot.model.nv
-        t, q, v, tau = measurement.t, measurement.q, measurement.v, measurement.tau
+        t, q, v, *_, tau, _ = measurement
         Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
         M, F = np.zeros((2, n, self._columns + 3))
         size = self.dynamics.size
@@ -548,13 +551,11 @@ class Estimator:
 
     def _add(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
         """Return the state that learned from windows."""
-        each, level = zip(state.products, self._each(windows), strict=True), state.level
-        for one in windows:
-            level = level + one.tau**2
+        each = zip(state.products, self._each(windows), strict=True)
         total, present, _ = state.accepted
         state = state._replace(
             products=tuple(old + rows.T @ rows for old, rows in each),
-            level=level,
+            level=sum((one.tau**2 for one in windows), state.level),
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
         )
@@ -652,11 +653,14 @@ class Estimator:
         B, past = self._map(state.load, a), self._map(None, a)
         return B.T @ self._products(state, noise, a) @ B + past.T @ state.past @ past
 
+    def _combined(self, state: EstimatorState, a: np.ndarray, w: np.ndarray) -> list[np.ndarray]:
+        """Return X (k, m) of each joint: [W y] X are its equations at a (p) times w (p + 1, m)."""
+        whole = self._map(state.load, a) @ w
+        return [S @ whole[at] for at, S in zip(self._places, self._gears(state, a), strict=True)]
+
     def _left(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
         """Return w (k) of each joint: [W y] w are its residuals, with the present load."""
-        w = self._map(state.load, a) @ np.append(-a, 1.0)
-        gears = self._gears(state, a)
-        return [S @ w[at] for at, S in zip(self._places, gears, strict=True)]
+        return self._combined(state, a, np.append(-a, 1.0))
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
@@ -689,22 +693,21 @@ class Estimator:
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
             X = _inverse(M[:-1, :-1], T)
-            a = self._bound(center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center)))))
+            a = center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center))))
+            a = np.maximum(a, self._least)
             fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
-        lasting, B = noise * self._lasting(state, a), self._map(state.load, a)
-        X = _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
-        slopes, gears = B[:, :-1] @ T @ X, self._gears(state, a)
-        each = [S @ slopes[at] for at, S in zip(self._places, gears, strict=True)]
-        return _Prediction(a, self._left(state, a), each, noise, lasting, state.accepted[0])
+        lasting = noise * self._lasting(state, a)
+        root = T @ _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        w = np.column_stack([np.append(-a, 1.0), np.pad(root, ((0, 1), (0, 0)))])
+        columns = self._combined(state, a, w)
+        return _Prediction(a, columns, noise, lasting, state.accepted[0])
 
     def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
         """Return whether windows are as predicted, within what is known of the parameters."""
-        rows = [
-            part / size for part, size in zip(self._each(windows), prediction.lasting, strict=True)
-        ]
-        r = np.concatenate([part @ w for part, w in zip(rows, prediction.left, strict=True)])
-        A = np.concatenate([part @ L for part, L in zip(rows, prediction.slopes, strict=True)])
+        each = zip(self._each(windows), prediction.columns, prediction.lasting, strict=True)
+        both = np.concatenate([rows @ columns / size for rows, columns, size in each])
+        r, A = both[:, 0], both[:, 1:]
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
     def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
@@ -719,15 +722,13 @@ class Estimator:
             a_without, noise_without = self._fitted(state, a, self._wrist)
             if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
                 a, noise = a_without, noise_without
-        physical = self._prior(state)
-        T, _ = physical.local(a)
-        M = self._equations(state, noise * self._lasting(state, a), a)
-        root = T @ _inverse(M[:-1, :-1], T)
+        T, _ = self._prior(state).local(a)
+        lasting = noise * self._lasting(state, a)
+        root = T @ _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
-            deviation = np.linalg.norm(gradient @ root[self._load], axis=1)
-            load = PayloadEstimate.of(value, deviation)
+            load = PayloadEstimate.of(value, np.linalg.norm(gradient @ root[self._load], axis=1))
         return Estimate(
             self._robot(state, a),
             load,
@@ -748,7 +749,8 @@ class Estimator:
         noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
         for _ in range(_ROUNDS):
             rows = _rows(self._equations(state, noise, a) * kept * kept[:, None])
-            a = near = self._bound(physical_fit(*rows, physical, gamma=WEIGHT, near=near))
+            fit = physical_fit(*rows, physical, gamma=WEIGHT, near=near)
+            a = near = np.maximum(fit, self._least)
             noise = self._noise(state, a, 0.0)
         a[list(without)] = physical.center[list(without)]
         return a, noise
@@ -763,12 +765,6 @@ class Estimator:
         if self._wrist and (a[self._wrist] == self._physical.center[self._wrist]).all():
             friction = replace(friction, shafts=())
         return replace(robot, friction=friction, loads=())
-
-    def _bound(self, a: np.ndarray) -> np.ndarray:
-        """Return parameters (p) with friction near rest that is not negative."""
-        a = a.copy()
-        a[self._rest] = np.maximum(a[self._rest], -1.0)
-        return a
 
     def _advice(
         self,

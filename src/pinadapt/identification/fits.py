@@ -21,11 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._checks import vector
-from ..exceptions import InputError, LogError, ParameterError, did_you_mean
+from ..exceptions import InputError, ParameterError, did_you_mean
 from ..information.information import CERTAIN, Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
-from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit, square
 from ..models.regressor import LABELS, PER_BODY
@@ -51,7 +50,7 @@ def torque_fit(
     names: Sequence[str],
     physical: PhysicalSet,
     windows: Windows,
-    stated: tuple[np.ndarray, np.ndarray] | None = None,
+    stated: np.ndarray,
     bounds: np.ndarray | None = None,
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
@@ -64,15 +63,14 @@ def torque_fit(
         names: of the parameters.
         physical: the set of physical ones.
         windows: the rows.
-        stated: A (k, p) and b (k) of equations A a = b beside them, whitened; by default none.
+        stated: [A b] (k, p + 1) of equations A a = b beside them, whitened.
         bounds: (2, p) of the parameters; one beyond its bound is stated to be there. None: none.
     """
-    A, b = (np.zeros((0, len(names))), np.zeros(0)) if stated is None else stated
     noise, least = noise_levels(windows.tau)
     physical, a = replace(physical, weights=np.array([LIGHT])), None
     for _ in range(3 if names else 0):
-        rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), A])
-        y = np.append(windows.y / noise, b)
+        rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), stated[:, :-1]])
+        y = np.append(windows.y / noise, stated[:, -1])
         a = physical_fit(rows, y, physical, gamma=WEIGHT, near=a)
         noise = np.maximum(rms(windows.residual(a), 0), least)
     a = physical.center if a is None else a
@@ -81,18 +79,18 @@ def torque_fit(
         beyond = np.flatnonzero(np.abs(a - nearest) > _WEIGHED * np.abs(nearest))
         if beyond.size:
             rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
-            both = np.vstack([A, rows]), np.append(b, np.full(beyond.size, 1.0 / _WEIGHED))
+            both = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
             others = bounds.copy()
             others[:, beyond] = [[-np.inf], [np.inf]]
             return torque_fit(names, physical, windows, both, others)
-    return torque_information(names, a, windows, (A, b))
+    return torque_information(names, a, windows, stated)
 
 
 def torque_information(
     names: Sequence[str],
     a: np.ndarray,
     windows: Windows,
-    stated: tuple[np.ndarray, np.ndarray] | None = None,
+    stated: np.ndarray,
     *,
     gain: float = 0.0,
 ) -> Information:
@@ -102,15 +100,15 @@ def torque_information(
     """
     n = windows.tau.shape[1] if gain else 0
     found = _with_gains(names, a, windows, stated, np.ones(n), gain)
-    R, c = found.R[n:, n:], found.c[n:]  # triangular: what is left without the gains
-    return Information(tuple(names), a, R, c)
+    # R is triangular: what is left without the gains
+    return Information(tuple(names), a, found.R[n:, n:], found.c[n:])
 
 
 def _with_gains(
     names: Sequence[str],
     a: np.ndarray,
     windows: Windows,
-    stated: tuple[np.ndarray, np.ndarray] | None,
+    stated: np.ndarray,
     gains: np.ndarray,
     gain: float = GAIN,
 ) -> Information:
@@ -134,17 +132,13 @@ def _with_gains(
     prior[:n], off[:n] = gain**-2.0 if n else 0.0, 1.0 / gains - 1.0
     at = np.append(np.ones(n), a)
     found = Information.of_rows([""] * n + list(names), at, W, residual, noise, prior, off)
-    if stated is None:
-        return found
-    rows = np.vstack([found.R, np.pad(stated[0], ((0, 0), (n, 0)))])
-    R, c = square(rows, np.append(found.c, stated[1] - stated[0] @ a))
+    rows = np.vstack([found.R, np.pad(stated[:, :-1], ((0, 0), (n, 0)))])
+    R, c = square(rows, np.append(found.c, stated @ np.append(-a, 1.0)))
     return replace(found, R=R, c=c)
 
 
-def mass_equation(
-    dynamics: Dynamics, robot: Robot, mass: float | None
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return A (1, p) and b (1) of a stated mass of the whole robot [kg], for ``torque_fit``.
+def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
+    """Return [A b] (1, p + 1) of a mass of the whole robot [kg], for ``torque_fit``; (0, p + 1).
 
     Bodies that are not among the parameters, and the base, weigh what the robot describes.
 
@@ -152,10 +146,9 @@ def mass_equation(
         ParameterError: the mass is not above theirs, or no body is among the parameters.
     """
     if mass is None:
-        return None
+        return np.zeros((0, dynamics.size + 1))
     masses = np.array([name.endswith(f".{LABELS[0]}") for name in dynamics.names], dtype=float)
-    unknown = float(masses @ dynamics.initial)
-    known = sum(body.mass for body in robot.model.inertias) - unknown
+    known = sum(body.mass for body in robot.model.inertias) - masses @ dynamics.initial
     if not (masses.any() and mass > known):
         raise ParameterError(
             f"{mass:g} kg are not more than the {known:.4g} kg of base and known bodies, or no "
@@ -163,8 +156,7 @@ def mass_equation(
             where="total_mass",
             hint="State the mass of the whole robot, its base included, in kg.",
         )
-    deviation = _WEIGHED * mass
-    return masses[None] / deviation, np.array([(mass - known) / deviation])
+    return np.append(masses, mass - known)[None] / (_WEIGHED * mass)
 
 
 def bounds_of_masses(
@@ -233,9 +225,9 @@ def load_fit(
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
     W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
     windows = both[0]._replace(t=t, W=W, y=y, tau=tau)
-    gains, stated, known = np.ones(tau.shape[1]), None, None
-    a = torque_fit(names, whole, windows).estimate
-    found = torque_information(names, a, windows, gain=GAIN)
+    gains, stated, known = np.ones(tau.shape[1]), np.zeros((0, len(names) + 1)), None
+    a = torque_fit(names, whole, windows, stated).estimate
+    found = torque_information(names, a, windows, stated, gain=GAIN)
     if mass is not None:
         alone = found.refined()  # which may be negative, where the logs are swapped
         shown, off = alone.estimate[size], alone.deviations[size]
@@ -246,14 +238,15 @@ def load_fit(
                 hint="State what the other log lacks, in kg. Are the logs swapped, or all gains "
                 "off by more (--torque-gain)?",
             )
-        stated = np.eye(len(names))[[size]] / (_WEIGHED * mass), np.array([1.0 / _WEIGHED])
+        stated = np.zeros((1, len(names) + 1))
+        stated[0, [size, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
         for _ in range(2):  # the first predicts torques with the wrong gains
             step = _with_gains(names, a, windows.over(gains), stated, gains).refined()
             gains = gains * step.estimate[: len(gains)]
             a = torque_fit(names, whole, windows.over(gains), stated).estimate
         found = torque_information(names, a, windows.over(gains), stated, gain=GAIN)
-        R = np.diag(1.0 / step.deviations[: len(gains)])
         words = tuple(f"{name}.gain" for name in robot.joint_names)
+        R = np.diag(1.0 / step.deviations[: len(gains)])
         known = Information(words, gains, R, 0.0 * gains)
     gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
     value, gradient[:, part] = of_load(robot, a[part])
@@ -280,26 +273,6 @@ def lasting_noise(residual: np.ndarray) -> np.ndarray:
     return np.asarray(rms(residual, 0) * np.sqrt(found))
 
 
-def frames_of(log: Log, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frames of a log: times (M) [s], ascending, and coordinates of the task (M, m).
-
-    Raises:
-        LogError: coordinates that the task does not have.
-    """
-    (t, x), wanted = log.frames(), robot.task.coordinates
-    if wanted <= 3 <= x.shape[1] != wanted:
-        x = x[:, :3][:, robot.frame_task.place]
-    if len(t) and x.shape[1] != wanted:
-        raise LogError(
-            f"{x.shape[1]} coordinates, and the task '{robot.task.name}' has {wanted}.",
-            where=f"{log.source}: x",
-            hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, qw; a "
-            'robot is loaded with task = "xyz" or "pose".',
-        )
-    order = np.argsort(t, kind="stable")
-    return t[order], x[order]
-
-
 def position_windows(
     kinematics: TaskKinematics, motion: MeasuredMotion, t: np.ndarray, x: np.ndarray
 ) -> Windows:
@@ -318,9 +291,8 @@ def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
 
     What the motion does not identify stays as described.
     """
-    start = kinematics.initial
-    level = np.full(windows.y.shape[1], kinematics.robot.reach)
-    return fitted(kinematics.names, start, windows.W, windows.residual(start), level).refined()
+    a, reach = kinematics.initial, kinematics.robot.reach
+    return fitted(kinematics.names, a, windows.W, windows.residual(a), reach).refined()
 
 
 class Windows(NamedTuple):
@@ -375,10 +347,9 @@ class Windows(NamedTuple):
             found += averages.phi[:, part] @ np.array(rest)
             found -= averages.rate[:, part] @ np.array(moving)
         whole, both = averages.whole, found.reshape(-1, n, size + 1)
-        tau, repeated = averages.mean(free), float(np.sqrt(n / np.trace(P)))
-        y = tau - both[:, :, size]
-        t, W = averages.t[whole], both[whole, :, :size]
-        return cls(t, W, y[whole], tau[whole], averages.length, repeated)
+        W, tau = both[whole, :, :size], averages.mean(free)[whole]
+        parts = averages.t[whole], W, tau - both[whole, :, size], tau
+        return cls(*parts, averages.length, float(np.sqrt(n / np.trace(P))))
 
     def over(self, gains: np.ndarray) -> Windows:
         """Return the windows with the torques divided by gains (n)."""
@@ -389,7 +360,7 @@ class Windows(NamedTuple):
         """Return the windows that lie wholly between two times [s]."""
         half = 0.5 * self.length
         chosen = (self.t - half >= first) & (self.t + half <= last)
-        t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
+        t, W, y, tau = (part[chosen] for part in self[:4])
         return self._replace(t=t, W=W, y=y, tau=tau)
 
     def residual(self, a: np.ndarray) -> np.ndarray:

@@ -34,7 +34,6 @@ from .estimator import Estimate, Estimator
 from .fits import (
     Windows,
     bounds_of_masses,
-    frames_of,
     load_fit,
     mass_equation,
     position_fit,
@@ -124,7 +123,7 @@ def identify(
     sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *([] if empty is None else [empty])):
-        intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
+        intakes.append(ImportOptions.of(intake, source))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     count = len(sources) + len(tests)
@@ -139,7 +138,7 @@ def identify(
     physical_set(dynamics, nominal)  # refuses other parameters
     check = None
     if dynamics.size and constraints is None:
-        checks = [check_torques(one, described) for one in (*logs, *without)]
+        checks = (check_torques(one, described) for one in (*logs, *without))
         check = min(checks, key=lambda one: one.fits)  # the first that does not, if there is one
         if not (check.fits or any(way.doubtful for way in intakes)):
             raise TorqueMismatchError(
@@ -190,9 +189,8 @@ def identify(
             effects=others,
         )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
-        said = name_list(given.effects, "unknown.effects")
-        known = bool(given.armature)
-        given = replace(given, effects=(*said, *effects.words), armature=known)
+        words = (*name_list(given.effects, "unknown.effects"), *effects.words)
+        given = replace(given, effects=words, armature=bool(given.armature))
         unknown = replace(given, regressor="nominal").with_joints()
         controller = _controller(nominal, unknown)
     dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
@@ -205,15 +203,14 @@ def identify(
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
         part = split if tests or known_load is not None else np.inf
-        loaded = windows.between(-np.inf, part)
+        both = windows.between(-np.inf, part), bare
         load_estimate, gains = load_fit(
-            model, physical_set(model, nominal), (loaded, bare), nominal, known_load
+            model, physical_set(model, nominal), both, nominal, known_load
         )
     if gains is not None:
         motion = motion._replace(tau=motion.tau / gains.estimate)
         windows = windows.over(gains.estimate)
     first = windows.between(-np.inf, split)
-    learned_from = first if tests else windows
     return Identification(
         log=found,
         motion=motion,
@@ -222,7 +219,7 @@ def identify(
         windows=windows,
         rows=seen,
         split=split,
-        dynamic=torque_fit(names, physical, learned_from, weighed, bounds),
+        dynamic=torque_fit(names, physical, first if tests else windows, weighed, bounds),
         kinematic=located,
         before_split=torque_fit(names, physical, first, weighed, bounds).estimate,
         unknown=unknown,
@@ -318,17 +315,33 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
 def _frames_and_task(
     log: Log, robot: Robot, unknown: Unknown
 ) -> tuple[tuple[np.ndarray, np.ndarray], Robot]:
-    """Return the frames of a log and the robot; with a joint task if there are no frames."""
-    frames = np.zeros(0), np.zeros((0, 0))
-    if log.x is not None and robot.task.positions:
+    """Return the frames of a log and the robot; with a joint task if there are no frames.
+
+    They are times (M) [s], ascending, and coordinates of the task (M, m).
+
+    Raises:
+        LogError: coordinates that the task does not have.
+        ParameterError: translations are unknown, and there are no frames.
+        RobotError: there are several task frames.
+    """
+    (t, x), wanted = log.frames(), robot.task.coordinates
+    if len(t) and robot.task.positions:
         robot.check_single_frame()
-        frames = frames_of(log, robot)
-    if len(frames[0]):
-        return frames, robot
+        if wanted <= 3 <= x.shape[1] != wanted:
+            x = x[:, :3][:, robot.frame_task.place]
+        if x.shape[1] != wanted:
+            raise LogError(
+                f"{x.shape[1]} coordinates, and the task '{robot.task.name}' has {wanted}.",
+                where=f"{log.source}: x",
+                hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, "
+                'qw; a robot is loaded with task = "xyz" or "pose".',
+            )
+        order = np.argsort(t, kind="stable")
+        return (t[order], x[order]), robot
     if unknown.translation_words(tool=False):
         raise ParameterError(
             "the log has no positions of the task frame, so no translations can be identified.",
             where="unknown",
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
-    return frames, replace(robot, task=JointTask.of_joints(robot.model))
+    return (t[:0], x[:0]), replace(robot, task=JointTask.of_joints(robot.model))

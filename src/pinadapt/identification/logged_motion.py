@@ -38,6 +38,5 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
             where=log.source,
             hint="Record all joints at the same times, or interpolate.",
         )
-    v = None if log.v is None else log.v[finite]
-    parts = log.t[finite], q[finite], v, tau[finite]
+    parts = log.t[finite], q[finite], None if log.v is None else log.v[finite], tau[finite]
     return measured_motion(robot.model, *parts, log.period, CUTOFF, _TOLERANCE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -80,8 +80,7 @@ class Errors(NamedTuple):
 
     def change(self, scale: float = 1.0) -> str:
         """Return the errors of the held-out part before and after, in words."""
-        both = self.described_held_out, self.learned_held_out
-        return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
+        return " -> ".join(f"{scale * rms(part):.3g}" for part in self[1:3])
 
 
 def plain(value: Any) -> Any:
@@ -117,12 +116,12 @@ class Identification(Printed):
         online: time [s] -> estimate of it then, the last one before ``split`` among them.
         unknown: what was identified. A controller with the same parameters is
             ``make_controller(found.robot, unknown=found.unknown)``.
+        stated: equations that were stated beside the log, such as a total mass, see ``torque_fit``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
         tested: names of the logs that were held out; empty where it is the last part of one log.
         load: estimated from this log and one without it; None without such a log.
         gains: by which measured torques exceed the true ones, one a joint, if a load was known.
         check: the comparison of the torques with the description, None where none were needed.
-        stated: equations that were stated beside the log, such as a total mass.
         intake: how the log was read.
     """
 
@@ -140,13 +139,13 @@ class Identification(Printed):
     estimator: Estimator
     online: dict[float, OnlineEstimate]
     unknown: Unknown
-    effects: ChosenEffects | None = None
-    tested: tuple[str, ...] = ()
-    load: PayloadEstimate | None = None
-    gains: Information | None = None
-    check: TorqueCheck | None = None
-    stated: tuple[np.ndarray, np.ndarray] | None = None
-    intake: ImportOptions = field(default_factory=ImportOptions)
+    stated: np.ndarray
+    effects: ChosenEffects | None
+    tested: tuple[str, ...]
+    load: PayloadEstimate | None
+    gains: Information | None
+    check: TorqueCheck | None
+    intake: ImportOptions
 
     @property
     def state(self) -> ControllerState:
@@ -226,10 +225,13 @@ class Identification(Printed):
     def _held_out(self, robot: Robot) -> np.ndarray:
         """Return the errors (n) of the held-out torques with another robot [N m or N]."""
         nothing = Unknown(bodies="none", friction=False, armature=False)
-        dynamics = nominal_dynamics(robot, nothing, ())
         constraints = robot.constrained if robot.constraints else None
-        averages = Averages(self.motion.t, self.log.period)
-        windows = Windows.of(self.motion, averages, dynamics, constraints)
+        windows = Windows.of(
+            self.motion,
+            Averages(self.motion.t, self.log.period),
+            nominal_dynamics(robot, nothing, ()),
+            constraints,
+        )
         return np.asarray(rms(windows.between(self.split, np.inf).y, 0))
 
     @cached_property
@@ -255,9 +257,8 @@ class Identification(Printed):
                 f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
                 "positions; part of this is learned as friction and inertia."
             )
-        names = self.dynamic.names
         for name, old, now in zip(
-            names, self.described_parameters, self.dynamic.estimate, strict=True
+            self.dynamic.names, self.described_parameters, self.dynamic.estimate, strict=True
         ):
             if name.endswith(".m") and not 0.5 * old <= now <= 2.0 * old:
                 yield f"the mass of {name[:-2]} changed from {old:.3g} to {now:.3g} kg."
@@ -273,8 +274,9 @@ class Identification(Printed):
         """Errors of the positions (m) [m], or None where no translation was estimated."""
         if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
             return None
-        start = self.controller.kinematics.initial
-        return self._errors(self.rows, start, self.position_before_split)
+        return self._errors(
+            self.rows, self.controller.kinematics.initial, self.position_before_split
+        )
 
     def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
         """Return the errors of two parameters (p) in the held-out part."""
@@ -338,9 +340,9 @@ class Identification(Printed):
         load = self._loaded
         if load is None:
             return False
-        known, body = load.mass_known_to, self.described.model.inertias[-1].mass
-        heaviest = HEAVIEST * self.described.mass
-        return bool(load.mass - known <= heaviest and -load.mass - known <= body)
+        lightest = -self.described.model.inertias[-1].mass
+        known, heaviest = load.mass_known_to, HEAVIEST * self.described.mass
+        return bool(lightest - known <= load.mass <= heaviest + known)
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
@@ -353,7 +355,6 @@ class Identification(Printed):
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
         signals = np.hstack(list(log.signals().values()))
-        start = self.controller.kinematics.initial
         return {
             "verdict": self.verdict,
             "log": log.source,
@@ -373,7 +374,7 @@ class Identification(Printed):
             "position": self.position_errors,
             "dynamic_identifiable": self.dynamic.rank,
             "dynamic": self._rows(self.dynamic, self.described_parameters),
-            "kinematic": self._rows(self.kinematic, start),
+            "kinematic": self._rows(self.kinematic, self.controller.kinematics.initial),
             "effects": () if effects is None else effects.gains,
             "gains": () if self.gains is None else self._rows(self.gains, self.gains.estimate**0),
             "payload": vars(self._loaded) if self._carried else None,
@@ -404,14 +405,15 @@ class Identification(Printed):
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        if self._loaded is not None and self._carried:
-            tables.append(self._loaded.table())
+        if self._carried:
+            tables.append(self.payload().table())
         for part in ("effects", "gains", "kinematic", "dynamic"):
             records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
             if records:
                 tables.append(Table.of(records)._replace(title=part))
-        title = f"{self.described.name}, identified from {self.log.source}"
-        return Report(title, tables, self.verdict)
+        return Report(
+            f"{self.described.name}, identified from {self.log.source}", tables, self.verdict
+        )
 
     def _torque_table(self, compared: Mapping[str, Robot]) -> Table:
         """Return held-out errors of the torques, one row for each joint.
@@ -520,5 +522,4 @@ class Identification(Printed):
         slides = self.described.slides
         with matplotlib.rc_context(RC):
             torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, self.split)
-            parameters = parameter_figure(online)
-        return SimpleNamespace(torque=torque, parameters=parameters)
+            return SimpleNamespace(torque=torque, parameters=parameter_figure(online))

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -32,6 +32,7 @@ from .._output import Printed, Report, Table, cell
 from ..description.chain import angles_from_configuration
 from ..information.information import Information, rms
 from ..information.measured_motion import Averages, integrated
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.bodies import ALL, BodyDynamics
 from ..models.physical_fit import physical_set
@@ -114,10 +115,9 @@ class TorqueCheck(Printed):
     def verdict(self) -> str:
         """The result in one line."""
         if self.causes:
-            words = ". Or ".join(self.causes)
             return (
-                f"the torques do not fit the description: {words}. Or is it the log of another "
-                "robot?"
+                f"the torques do not fit the description: {'. Or '.join(self.causes)}. Or is it "
+                "the log of another robot?"
             )
         factors = ", ".join(f"{one.factor:.2f}" for one in self.joints if one.judged)
         if not factors:
@@ -292,8 +292,8 @@ def _fit(motion: _Motion, robot: Robot) -> _Fit:
     for _ in range(2):
         noise = math.sqrt(len(tau) / _WORTH) * np.hypot(fit.left, _LEAST_RESIDUAL)
         noise *= rms(motion.tau, 0)
-        parts = rows[..., :-1], rows[..., -1], noise, 1.0
-        found = Information.of_rows([""] * none.size, none, *parts).refined()
+        W, r = rows[..., :-1], rows[..., -1]
+        found = Information.of_rows([""] * none.size, none, W, r, noise, 1.0).refined()
         x = found.estimate
         fit = _compared(motion, tau - Y @ x, d)
     loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
@@ -325,11 +325,9 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
     clear = (np.abs(correlation) >= _CLEAR) | (size >= _LEAST * level)
     judged = clear & (size > _VISIBLE * size.max())
     inside = (factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (correlation >= _LEAST)
-    rest = zip(motion.drives, (tau - d).T, strict=True)
-    left = [nnls(columns, part)[1] for columns, part in rest]
+    left = [nnls(*each)[1] for each in zip(motion.drives, (tau - d).T, strict=True)]
     shares = np.minimum(left / np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS), 1.0)
-    described = size / math.sqrt(len(tau))
-    return _Fit(described, factor, correlation, judged, ~judged | inside, shares)
+    return _Fit(size / math.sqrt(len(tau)), factor, correlation, judged, ~judged | inside, shares)
 
 
 def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Robot]]:
@@ -338,30 +336,47 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
     for hung in _mountings(robot):
         option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in hung.model.gravity.linear)}"
         yield f"the base is mounted another way; {option}", motion, hung
-    cause = "they are without gravity, which the arm adds; --compensated nominal"
     rest = np.zeros_like(motion.v)
     weight = _each(motion._replace(v=rest, a=rest), robot, pin.rnea)
-    yield cause, motion._replace(added=weight), robot
-    slides = np.array(list(robot.slides.values()))
-    degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
-    yield "the angles are degrees; --degrees", degrees, robot
+    yield (
+        "they are without gravity, which the arm adds; --compensated nominal",
+        motion._replace(added=weight),
+        robot,
+    )
+    scale = np.where(list(robot.slides.values()), 1.0, math.radians(1.0))
+    yield "the angles are degrees; --degrees", motion.turned(scale), robot
     whole = np.arange(len(names))
     for j, name in enumerate(names):
         sign = np.where(whole == j, -1.0, 1.0)
-        cause = f"the torque of {name} has the wrong sign; --flip {name}"
-        yield cause, motion._replace(tau=motion.tau * sign), robot
-        cause = f"the position of {name} has the wrong sign; --flip q:{name}"
-        yield cause, motion.turned(sign), robot
+        yield (
+            f"the torque of {name} has the wrong sign; --flip {name}",
+            motion._replace(tau=motion.tau * sign),
+            robot,
+        )
+        yield (
+            f"the position of {name} has the wrong sign; --flip q:{name}",
+            motion.turned(sign),
+            robot,
+        )
     for i, j in combinations(range(len(names)), 2):
         order = whole.copy()
         order[[i, j]] = j, i
         listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
-        cause = f"the columns of {pair} are swapped; --joints {listed}"
-        yield cause, _Motion(*(part[:, order] for part in motion[:5])), robot
-        cause = f"the torques of {pair} are swapped; --joints tau:{listed}"
-        yield cause, motion._replace(tau=motion.tau[:, order]), robot
-    cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
-    yield cause, motion._replace(tau=-motion.tau), robot
+        yield (
+            f"the columns of {pair} are swapped; --joints {listed}",
+            _Motion(*(part[:, order] for part in motion[:5])),
+            robot,
+        )
+        yield (
+            f"the torques of {pair} are swapped; --joints tau:{listed}",
+            motion._replace(tau=motion.tau[:, order]),
+            robot,
+        )
+    yield (
+        "the torque of all joints has the wrong sign; --torque-gain=-1",
+        motion._replace(tau=-motion.tau),
+        robot,
+    )
     bare = _compared(motion, motion.tau, _each(motion, robot, pin.rnea))
     noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
     for j, name in enumerate(names):
@@ -372,22 +387,25 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
             both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
             slope, rest = (both / noise[:, None]).T
             off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
-        if abs(off[j]) < _LEAST_ANGLE:
-            continue
-        cause = f"the position of {name} is off; --offset {name}={off[j]:.3g}"
-        yield cause, motion._replace(q=motion.q + off), robot
+        if abs(off[j]) >= _LEAST_ANGLE:
+            yield (
+                f"the position of {name} is off; --offset {name}={off[j]:.3g}",
+                motion._replace(q=motion.q + off),
+                robot,
+            )
     # a load raises factors, up to twice
     clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
     factors = bare.factor[clear]
     if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1] ** 2:
         common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
-        cause = (
+        gains = np.where(clear, bare.factor, common)  # motors may be unlike
+        yield (
             f"all torques are about {common:.2g} times the described ones, as motor currents "
             f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
-            "the data sheet's gains"
+            "the data sheet's gains",
+            motion._replace(tau=motion.tau / gains),
+            robot,
         )
-        gains = np.where(clear, bare.factor, common)  # motors may be unlike
-        yield cause, motion._replace(tau=motion.tau / gains), robot
 
 
 def _mountings(robot: Robot) -> Iterator[Robot]:
@@ -396,6 +414,4 @@ def _mountings(robot: Robot) -> Iterator[Robot]:
     size = float(np.linalg.norm(down))
     for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
         if not np.allclose(gravity, down, atol=0.1 * size):
-            model = robot.model.copy()
-            model.gravity.linear = gravity
-            yield replace(robot, model=model)
+            yield ImportOptions(gravity=gravity).mounted(robot)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -31,8 +31,6 @@ from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
-
-State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,8 +190,7 @@ def position_information(
     kinematics = controller.kinematics
     measurements = [sample.measurement for sample in samples if kinematics.size]
     W, r = position_rows(kinematics, state.a_k, *frames(kinematics, measurements))
-    level = np.full(kinematics.positions, kinematics.robot.reach)
-    return fitted(kinematics.names, state.a_k, W, r, level)
+    return fitted(kinematics.names, state.a_k, W, r, kinematics.robot.reach)
 
 
 def position_rows(
@@ -235,7 +232,7 @@ def fitted(
     a: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
-    level: np.ndarray,
+    level: np.ndarray | float,
     least_noise: float = ROUNDING,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n).
@@ -293,32 +290,29 @@ def spread(points: np.ndarray) -> float:
 
 
 def gauss_newton(
-    rows: Callable[[State], tuple[np.ndarray, np.ndarray, np.ndarray]],
-    moved: Callable[[State, np.ndarray], State],
-    state: State,
+    rows: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    move: Callable[[np.ndarray], Any],
     prior: np.ndarray,
-) -> State:
-    """Return the state whose residuals are least, in units of their noise, from one close by.
+) -> None:
+    """Move a state to where its residuals are least, in units of their noise, from close by.
 
     Steps are solved by QR, not by normal equations, as what rows do not show may be 1e8 times less
     certain than what they show.
 
     Args:
-        rows: slopes (N, n, p) and residuals (N, n) at a state, both in units of the noise, and what
-            was known before (p), less the state.
-        moved: a state after a step (p).
-        state: to begin with.
+        rows: slopes (N, n, p) and residuals (N, n) at the state, both in units of the noise, and
+            what was known before (p), less the state.
+        move: the state by a step (p), in place.
         prior: (p) inverse variances of what was known before.
     """
     root = np.sqrt(prior)
     for _ in range(60):
-        W, r, off = rows(state)
+        W, r, off = rows()
         A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
         step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
-        state = moved(state, step)
+        move(step)
         if np.linalg.norm(A @ step) <= ROUNDING * np.sqrt(root.size):
             break
-    return state
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -340,7 +334,7 @@ class Excitation(Printed):
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
-        tables = [parameter_table(part, self.units) for part in seen.values()]
+        tables = (parameter_table(part, self.units) for part in seen.values())
         return Report("Excitation", [Table(overview), *tables])
 
 

@@ -126,7 +126,7 @@ def payload_estimate(
             where="payload",
             hint='Adapt it: dynamic = "all" or "payload".',
         )
-    joints = list(range(prior.coefficients.start, prior.coefficients.stop))
+    joints = list(range(prior.size, len(names)))
     part = [*(names.index(name) for name in last), *joints]
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
     load, rest = _explained(change, part)
@@ -180,11 +180,11 @@ def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
     parameters, by differences.
     """
-    frame, order = robot.model.frames[robot.frame_id].placement, [0, 1, 3, 2, 4, 5]
+    frame = robot.model.frames[robot.frame_id].placement
 
     def load(ten: np.ndarray) -> np.ndarray:
         body = frame.actInv(pin.Inertia.FromDynamicParameters(ten))
-        return np.array([body.mass, *body.lever, *body.inertia[np.triu_indices(3)][order]])
+        return np.array([body.mass, *body.lever, *body.inertia[np.tril_indices(3)]])
 
     # of the largest parameter; a hundredth and a hundred times as much: the same
     steps = 1e-6 * np.abs(ten).max() * np.eye(PER_BODY)
@@ -209,12 +209,12 @@ class ArmPrior:
     Attributes:
         mean: (p) of bodies, and of joints as described.
         root: (p, k) L of the covariance L L^T of the bodies, zero for the joints.
-        coefficients: where the joints' coefficients are.
+        size: number of the bodies' parameters, after which the joints' coefficients come.
     """
 
     mean: np.ndarray
     root: np.ndarray
-    coefficients: slice
+    size: int
 
     @classmethod
     def of(cls, robot: Robot, dynamics: Dynamics, share: float) -> ArmPrior:
@@ -237,7 +237,7 @@ class ArmPrior:
             values, vectors = np.linalg.eigh(covariance)
             root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
             root[:size, size] = share * mean[:size]  # all together, such as a wrong total mass
-        return cls(mean, root, slice(size, dynamics.size))
+        return cls(mean, root, size)
 
     @classmethod
     def likeliest(cls, robot: Robot, dynamics: Dynamics, found: Information) -> ArmPrior:
@@ -254,9 +254,8 @@ class ArmPrior:
         if prior_covariance(robot, dynamics) is None:
             return cls.of(robot, dynamics, 0.0)
         plain = cls.of(robot, dynamics, 1.0)
-        ten = usual_load(robot)
-        load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
-        load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
+        ten, load = usual_load(robot), np.zeros((dynamics.size, PER_BODY))
+        load[plain.size - PER_BODY : plain.size] = PhysicalSet(1, ten).local(ten)[0]
         R, c = plain._equations(found)
 
         def surprise(share: float) -> float:
@@ -272,7 +271,7 @@ class ArmPrior:
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
         """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
         R, c = found.R, found.c
-        Q, _ = np.linalg.qr(R[:, self.coefficients])
+        Q, _ = np.linalg.qr(R[:, self.size :])
         R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
         return R, c + R @ (found.estimate - self.mean)
 
@@ -318,9 +317,9 @@ def whole_arm_information(
     """
     robot = described_robot(controller)
     adapted = dict(zip(controller.dynamics.names, state.a_d, strict=True))
-    described = described_values(dynamics, robot)
-    a = [adapted.get(name, each) for name, each in zip(dynamics.names, described, strict=True)]
-    return dynamic_information(dynamics, robot.model, samples, np.array(a), LEAST_NOISE)
+    each = zip(dynamics.names, described_values(dynamics, robot), strict=True)
+    a = np.array([adapted.get(name, described) for name, described in each])
+    return dynamic_information(dynamics, robot.model, samples, a, LEAST_NOISE)
 
 
 def described_values(dynamics: Dynamics, robot: Robot) -> np.ndarray:

@@ -119,8 +119,8 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     names = (*turned, *own.translation_names)
     for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(own.parameters(tracker))[1], len(names), reach)
-        H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
-        tracker, told = own.explaining_tracker(H, score, tracker)
+        both = W.T @ W / sigma**2, W.T @ y / sigma**2
+        tracker, told = own.explaining_tracker(*both, tracker)
     a = own.parameters(tracker)
     _, left, _ = seen.rows(a)
     seen.check(left, sigma, motion)
@@ -161,24 +161,25 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
     a_0, known = own.standing_at(seen.x[0]), 1.0 / own.sizes**2
+    a = a_0.copy()
 
-    def rows(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        W, left, _ = seen.rows(a)
-        sigma = _noise(left, len(a), reach)
-        return W / sigma, left / sigma, a_0 - a
+    def rows() -> tuple[float, list[np.ndarray]]:
+        """Return the noise at a, and slopes, residuals and rates in units of it."""
+        parts = seen.rows(a)
+        sigma = _noise(parts[1], len(a), reach)
+        return sigma, [part / sigma for part in parts]
 
-    a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
-    W, left, rate = seen.rows(a)
-    sigma = _noise(left, len(a), reach)
+    gauss_newton(lambda: (*rows()[1][:2], a_0 - a), lambda step: np.add(a, step, out=a), known)
+    sigma, (W, left, rate) = rows()
     seen.check(left, sigma, motion)
-    late, deviation = lateness(a, W / sigma, left / sigma, rate / sigma, 1.0, known, a_0 - a)
+    late, deviation = lateness(a, W, left, rate, 1.0, known, a_0 - a)
     if abs(late) > max(_LATE, CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return Information.of_rows(own.names, a, W / sigma, 0.0 * left, prior=known)
+    return Information.of_rows(own.names, a, W, 0.0 * left, prior=known)
 
 
 class _Seen(NamedTuple):
@@ -229,7 +230,7 @@ class _Seen(NamedTuple):
         return X_k, left, rates
 
     def check(self, left: np.ndarray, sigma: float, motion: float) -> None:
-        """Refuse frames of which something else than noise is left (N, m_p).
+        """Refuse frames of which something else than noise is left (N, m_p), in any unit.
 
         What a tracker cannot explain changes with the motion; noise changes from frame to frame.
 

@@ -37,7 +37,7 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """
     reader = optional("rosbags.highlevel", "bags", str(path), LogError)
     types = optional("rosbags.typesys", "bags", str(path), LogError)
-    frames = None
+    frames: dict[str, Any] = {}
     # for messages whose types it does not hold
     store = types.Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else types.Stores.ROS2_HUMBLE
     with reader.AnyReader([path], default_typestore=types.get_typestore(store)) as bag:
@@ -49,15 +49,15 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
             parts = [f"{position}.{axis}" for axis in "xyz"]
             parts += [f"{rotation}.{axis}" for axis in "xyzw" if rotation]
             of = attrgetter(*parts)
-            frames = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
+            found = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
+            frames = {"x": found[:, 1:], "x_time": found[:, 0] - t[0]}
     return Log(
         t - t[0],
         q,
         tau,
         v if np.isfinite(v).any() else None,
         tuple(joints),
-        None if frames is None else frames[:, 1:],
-        None if frames is None else frames[:, 0] - t[0],
+        **frames,
         source=str(path),
     )
 

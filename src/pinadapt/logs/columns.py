@@ -49,13 +49,11 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
     t = own.single("t") if options.rate is None else samples / options.rate
     if found["tau"] is None:
         found["tau"] = np.full(found["q"].shape, np.nan)
-    names = tuple(map(str, table["joint_names"])) if "joint_names" in table else ()
-    if own.by_name:
-        names = names or tuple(joints)
+    known = joints if own.by_name else ()
     return Log(
         samples if t is None else t,
         **found,
-        joints=names,
+        joints=tuple(map(str, table.get("joint_names", known))),
         x=own.of_frame(),
         x_time=own.single("x_time"),
         source=source,
@@ -110,8 +108,9 @@ class _Columns:
         stated = self._stated.get(signal)
         if stated is not None:
             return self._stacked(self._written_out(stated))
-        names = [self._known[name] for name in NAMES[signal].split() if name in self._known]
-        arrays = (self._table[name] for name in names)
+        arrays = (
+            self._table[self._known[name]] for name in NAMES[signal].split() if name in self._known
+        )
         return next((one for one in arrays if one.ndim == dimensions), None)
 
     def _written_out(self, names: Sequence[str]) -> list[str]:

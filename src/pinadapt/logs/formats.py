@@ -37,8 +37,7 @@ def read_arrays(path: Path, joints: Sequence[str], options: ImportOptions) -> Lo
     if path.name == "rollout.npz" and path.with_name("summary.json").is_file():
         return replace(log_of_rollout(Rollout.load(path.parent)), source=str(path))
     with np.load(path, allow_pickle=False) as archive:
-        found = {name: archive[name] for name in archive.files}
-    return log_of_columns(found, joints, options, str(path))
+        return log_of_columns(dict(archive), joints, options, str(path))
 
 
 def log_of_rollout(rollout: Rollout) -> Log:
@@ -84,11 +83,11 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
         del rows[0]
     if not any(rows):
         raise LogError("is empty.", where=str(path))
-    values = np.genfromtxt(rows, delimiter=mark)
-    columns = values.reshape(len(rows), -1).T
+    columns = np.genfromtxt(rows, delimiter=mark).reshape(len(rows), -1).T
     if len(columns) != len(header):
-        words = f"{len(columns)} cells in a row, and the header has {len(header)}."
-        raise LogError(words, where=str(path))
+        raise LogError(
+            f"{len(columns)} cells in a row, and the header has {len(header)}.", where=str(path)
+        )
     return log_of_columns(dict(zip(header, columns, strict=True)), joints, options, str(path))
 
 
@@ -142,13 +141,15 @@ def read_log(
         InputError: import options that cannot be used.
     """
     instance(robot, Robot, "robot")
-    options = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
+    options = ImportOptions.of(intake, source)
     if isinstance(source, Rollout):
         source = log_of_rollout(source)
     if not isinstance(source, Log):
         path = Path(instance(source, Path | str, "log"))
         with read_as_data(path, LogError):
-            source = _reader(path)(_file_of(path), options.read_joints(robot), options)
+            stated = () if isinstance(options.joints, Mapping) else options.joints
+            joints = robot.joint_names
+            source = _read(path, joints if set(stated) <= set(joints) else stated, options)
     elif options.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / options.rate)
     if options.repeated == "drop" and (again := repeated(source)).any():
@@ -163,26 +164,22 @@ def read_log(
     return log
 
 
-def _file_of(path: Path) -> Path:
-    """Return the file of a run's folder, or the path itself."""
-    file = path / "rollout.npz"
-    return file if file.is_file() else path
-
-
-def _reader(path: Path) -> Callable[[Path, Sequence[str], ImportOptions], Log]:
-    """Return what reads a file or folder.
+def _read(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
+    """Return the log in a file, in the folder of a run, or in that of a bag.
 
     Raises:
-        LogError: there is none, or nothing reads it.
+        LogError: there is none, nothing reads it, or as its reader.
     """
     if path.is_dir() and (path / "metadata.yaml").is_file():
-        return read_bag
-    file = _file_of(path)
-    if not file.is_file() or file.suffix.lower() not in FORMATS:
+        return read_bag(path, joints, options)
+    run = path / "rollout.npz"
+    file = run if run.is_file() else path
+    ending = file.suffix.lower()
+    if not file.is_file() or ending not in FORMATS:
         raise LogError(
             "is not a log of a known format." if path.exists() else "no such file or folder.",
             where=str(path),
             hint=f"Known are {', '.join(FORMATS)}, folders of `pinadapt run`, which have a "
             "rollout.npz, and those of bags, which have a metadata.yaml.",
         )
-    return FORMATS[file.suffix.lower()]
+    return FORMATS[ending](file, joints, options)

@@ -100,8 +100,8 @@ class ImportOptions:
             if self.rate is not None:
                 positive(self.rate, "rate", error=InputError)
             word(self.repeated, REPEATED, "repeated")
-            for name in ("degrees", "doubtful"):
-                flag(getattr(self, name), name)
+            flag(self.degrees, "degrees")
+            flag(self.doubtful, "doubtful")
             name_list(self.flip, "flip")
             for signal, names in self._joint_lists():
                 word(signal, SIGNALS, "joints")
@@ -114,12 +114,17 @@ class ImportOptions:
                     raise InputError("gravity says already how the arm is mounted.", where="mount")
 
     @classmethod
-    def of(cls, given: ImportOptions | Mapping[str, Any] | Path | str | None) -> ImportOptions:
-        """Return the options from themselves, their fields or a TOML file; for None the defaults.
+    def of(
+        cls, given: ImportOptions | Mapping[str, Any] | Path | str | None, log: object = None
+    ) -> ImportOptions:
+        """Return the options from themselves, their fields or a TOML file.
+
+        For None they are those of the file beside a log, or the defaults without one.
 
         Raises:
             InputError: no such file, no TOML, an unknown key or a wrong value.
         """
+        given = cls.beside(log) if given is None else given
         if given is None or isinstance(given, ImportOptions):
             return given or cls()
         table = given if isinstance(given, Mapping) else read_toml(Path(given))
@@ -211,11 +216,6 @@ class ImportOptions:
             order = joint_order(log.joints or names, own, log.source)
             log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
         return replace(log, joints=tuple(names)).of(robot)
-
-    def read_joints(self, robot: Robot) -> list[str]:
-        """Return the names of the joints in a log of a robot: those stated, or the robot's."""
-        names = [] if isinstance(self.joints, Mapping) else list(self.joints)
-        return robot.joint_names if set(names) <= set(robot.joint_names) else names
 
     def _joint_lists(self) -> Iterator[tuple[str, list[str]]]:
         """Yield signal and names of its joints in the robot's order."""

@@ -112,9 +112,9 @@ class Log:
         if self.joints and list(self.joints) != names:
             log = self.ordered(joint_order(self.joints, names, self.source))
             log = replace(log, joints=tuple(names))
-        n, nq = robot.model.nv, robot.model.nq
+        n = robot.model.nv
         for name, part in log.signals().items():
-            if part.shape[1] != n and (name != "q" or part.shape[1] != nq):
+            if part.shape[1] not in ((n, robot.model.nq) if name == "q" else (n,)):
                 raise LogError(
                     f"{part.shape[1]} columns, but {robot.name} has {n} joints: {names}.",
                     where=self._at(name),
@@ -135,8 +135,9 @@ class Log:
     def configurations(self, robot: Robot) -> np.ndarray:
         """Return q (N, nq) as Pinocchio has it; NaN where a joint was not measured."""
         model: pin.Model = robot.model
-        known = self.q.shape[1] == model.nq
-        return self.q if known else integrated(model, pin.neutral(model), self.q)
+        if self.q.shape[1] == model.nq:
+            return self.q
+        return integrated(model, pin.neutral(model), self.q)
 
     def sampled(self, kept: np.ndarray) -> Log:
         """Return the log with those of its samples that are kept (N)."""
@@ -162,8 +163,10 @@ class Log:
         except (TypeError, ValueError) as error:
             raise LogError(f"expected numbers: {error}.", where=self._at(name)) from error
         if array.ndim != dimensions:
-            words = f"expected an array of {dimensions} dimensions, got shape {array.shape}."
-            raise LogError(words, where=self._at(name))
+            raise LogError(
+                f"expected an array of {dimensions} dimensions, got shape {array.shape}.",
+                where=self._at(name),
+            )
         if (np.abs(array[np.isfinite(array)]) > LARGEST).any():
             raise LogError(f"has numbers beyond {LARGEST:g}.", where=self._at(name))
         return array
@@ -251,10 +254,14 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         )
     share = float(np.mean(repeated(log)))
     if share > _REPEATED:
-        words = f"{share:.0%} of the samples repeat the one before in all numbers"
-        refuse("t", f"{words}, so that their times are wrong.", "--repeated drop leaves them out.")
-    if (other := _other_velocity(log, robot)) is not None:
-        refuse("v", *other)
+        refuse(
+            "t",
+            f"{share:.0%} of the samples repeat the one before in all numbers, so that their "
+            "times are wrong.",
+            "--repeated drop leaves them out.",
+        )
+    if log.v is not None:
+        _check_velocities(log, log.v, robot)
     still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
         name = robot.joint_names[int(still.argmax())]
@@ -265,13 +272,15 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         )
 
 
-def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
-    """Return what is wrong with velocities that disagree with the positions, and what to try."""
-    if log.v is None:
-        return None
+def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
+    """Refuse velocities (N, n) that disagree with the positions.
+
+    Raises:
+        LogError: they do.
+    """
     q = log.configurations(robot)
     rates = differences(robot.model, q) / np.diff(log.t)[:, None]
-    means = 0.5 * (log.v[1:] + log.v[:-1])
+    means = 0.5 * (v[1:] + v[:-1])
     both = np.isfinite(rates) & np.isfinite(means)
     # averages, in which the noise of differenced encoders cancels
     rates, means = (
@@ -280,15 +289,15 @@ def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
     size = np.mean(rates**2, axis=0)
     factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
     wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
-    if not wrong.any():
-        return None
-    j = int(wrong.argmax())
-    return (
-        f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
-        "positions: other units, another sign, or the other side of a gear.",
-        "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
-        "computed from the positions.",
-    )
+    if wrong.any():
+        j = int(wrong.argmax())
+        raise LogError(
+            f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
+            "positions: other units, another sign, or the other side of a gear.",
+            where=f"{log.source}: v",
+            hint="Convert both to rad and rad/s (m and m/s), or leave velocities out: they are "
+            "then computed from the positions.",
+        )
 
 
 def in_sequence(logs: Sequence[Log], pause: float) -> list[Log]:
