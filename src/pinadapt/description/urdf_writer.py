@@ -33,7 +33,7 @@ def first_comment(robot: Any, words: str) -> Any:
     return ElementTree.Comment(f" {text.replace('--', '- -')} ")
 
 
-def urdf_text(robot: Any, *, shapes: bool = True) -> str:
+def urdf_text(robot: Any, shapes: bool) -> str:
     """Return the text of a URDF of a ``Robot`` that Pinocchio and MuJoCo read.
 
     Raises:
@@ -154,9 +154,9 @@ def _read_inertia(link: ElementTree.Element) -> pin.Inertia:
     inertial = link.find("inertial")
     if inertial is None:
         return pin.Inertia.Zero()
-    entries = [float(child(inertial, "inertia").get(name, "0")) for name in ENTRIES]
+    entries = child(inertial, "inertia")
     upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = entries
+    upper[np.triu_indices(3)] = [float(entries.get(name, "0")) for name in ENTRIES]
     mass = float(child(inertial, "mass").get("value", "0"))
     body = pin.Inertia(mass, np.zeros(3), upper + np.triu(upper, 1).T)
     return _read_origin(inertial).act(body)
@@ -185,9 +185,8 @@ def _skeleton(robot: Any) -> Origin:
     links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
-    limits = {"effort": effort_limits(model), "velocity": velocity_limits(model)}
-    limits = {name: np.where(np.isfinite(each), each, 0.0) for name, each in limits.items()}
-    limits |= {"lower": lower, "upper": upper}
+    effort = np.nan_to_num(effort_limits(model), posinf=0.0)
+    velocity = np.nan_to_num(velocity_limits(model), posinf=0.0)
     for index, name in enumerate(robot.joint_names, 1):
         part = model.joints[index]
         kind = "prismatic" if is_slide(part) else "continuous" if part.nq == 2 else "revolute"
@@ -195,8 +194,14 @@ def _skeleton(robot: Any) -> Origin:
         ElementTree.SubElement(root, "link", name=links[-1])
         joint = _joint(root, name, kind, links[model.parents[index]], links[-1])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        at = {word: digits(each[index - 1]) for word, each in limits.items()}
-        ElementTree.SubElement(joint, "limit", at)
+        ElementTree.SubElement(
+            joint,
+            "limit",
+            effort=digits(effort[index - 1]),
+            velocity=digits(velocity[index - 1]),
+            lower=digits(lower[index - 1]),
+            upper=digits(upper[index - 1]),
+        )
     for frame in robot.frames:
         carrier = links[model.frames[frame_id(model, frame)].parentJoint]
         ElementTree.SubElement(root, "link", name=frame)

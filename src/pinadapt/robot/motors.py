@@ -121,12 +121,14 @@ class Actuators:
         Raises:
             InputError: numbers for another number of joints.
         """
-        n = robot.model.nv
-        parts = [
-            joint_numbers(getattr(self, name), f"actuators.{name}", n, infinite=True)
-            for name in JointActuators._fields
-        ]
-        return JointActuators(*parts)
+        return JointActuators(
+            *(
+                joint_numbers(
+                    getattr(self, name), f"actuators.{name}", robot.model.nv, infinite=True
+                )
+                for name in JointActuators._fields
+            )
+        )
 
 
 class CommandsUnderway(NamedTuple):
@@ -144,11 +146,6 @@ class CommandsUnderway(NamedTuple):
     coming: tuple[tuple[float, int, np.ndarray], ...]
     arrived: np.ndarray
     applied: np.ndarray
-
-    def still(self) -> CommandsUnderway:
-        """Return its time derivative where time stands still: zeros."""
-        coming = tuple((t, k, np.zeros(command.shape)) for t, k, command in self.coming)
-        return CommandsUnderway(self.t, coming, 0.0 * self.arrived, 0.0 * self.applied)
 
 
 class LateTorque:
@@ -182,9 +179,9 @@ class LateTorque:
         if before is None:
             before = CommandsUnderway(0.0, (), command, command)
         t, arrived, applied = before.t, before.arrived.copy(), before.applied
-        coming, least, pieces = list(before.coming), 1e-6 * dt, []  # rounding
-        coming += [(t + late, k, command) for k, late in enumerate(self._delays.tolist())]
-        coming.sort(key=lambda each: each[0])
+        least, pieces = 1e-6 * dt, []  # rounding
+        sent = [(t + delay, k, command) for k, delay in enumerate(self._delays.tolist())]
+        coming = sorted([*before.coming, *sent], key=lambda each: each[0])
         end = t + dt
         while t < end - least:
             while coming and coming[0][0] <= t + least:
@@ -221,9 +218,14 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     """
     if limits is None or limits is False:
         return None
-    n = robot.model.nv
-    given = effort_limits(robot.model) if limits is True else limits
-    bounds = joint_numbers(given, "limits.torque", n, zero=False, infinite=True, error=GainError)
+    bounds = joint_numbers(
+        effort_limits(robot.model) if limits is True else limits,
+        "limits.torque",
+        robot.model.nv,
+        zero=False,
+        infinite=True,
+        error=GainError,
+    )
     return bounds if np.isfinite(bounds).any() else None
 
 

@@ -83,8 +83,8 @@ def reachable_circles(robot: Robot) -> Stacked:
         RobotError: as ``reachable_circle``.
         InputError: there is one task frame.
     """
-    found, ends = find_circle(robot), map(robot.of_frame, robot.frames)
-    return Stacked([_from_home(end, found) for end in ends])
+    found = find_circle(robot)
+    return Stacked([_from_home(robot.of_frame(frame), found) for frame in robot.frames])
 
 
 def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
@@ -196,11 +196,11 @@ def find_swing(robot: Robot) -> Sinusoid:
 def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
     model, data = robot.model, robot.model.createData()
-    path = [swing.at(t) for t in np.linspace(0.0, swing.period.max(), 80).tolist()]
-    torques = [
-        pin.rnea(model, data, configuration_from_angles(model, at.x_d), at.xd_d, at.xdd_d)
-        for at in path
-    ]
+    torques = []
+    for t in np.linspace(0.0, swing.period.max(), 80).tolist():
+        at = swing.at(t)
+        q = configuration_from_angles(model, at.x_d)
+        torques.append(pin.rnea(model, data, q, at.xd_d, at.xdd_d))
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
     efforts = np.maximum(SHARE * effort_limits(model), 1.05 * held)
