@@ -40,7 +40,8 @@ class FittedDynamics(Dynamics):
 
         None has that of friction.
         """
-        model, data = robot.in_base_axes.model, robot.model.createData()
+        model = robot.in_base_axes.model
+        data = model.createData()
         tau = np.concatenate(
             [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
         )

@@ -127,8 +127,8 @@ class DelayCompensator:
             x = before.x if x is None else x.copy()
             if x is None:
                 return SensedState(q, v)
-            error = kinematics.p_hat - x[: kinematics.positions]
-            return SensedState(q, v, x, error, kinematics.explaining(x))
+            epsilon = kinematics.p_hat - x[: kinematics.positions]
+            return SensedState(q, v, x, epsilon, kinematics.explaining(x))
         frame, history = before.frame, before.history
         if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
@@ -142,9 +142,10 @@ class DelayCompensator:
             frame = self._frame(taken, q_c, x, kinematics, frame)
         elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
-        X_a, smooth = frame.X_k.dot(kinematics.a_k), frame.X_smooth.dot(kinematics.a_k)
-        x = kinematics.task.carried(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
-        return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
+        smooth = frame.X_smooth.dot(kinematics.a_k) + frame.b_smooth
+        x = kinematics.task.carried(kinematics.x_hat, smooth, frame.turn)
+        epsilon = frame.X_k.dot(kinematics.a_k) + frame.b
+        return SensedState(q, v, x, epsilon, frame.X_k, frame, history)
 
     def _frame(
         self,
@@ -155,9 +156,9 @@ class DelayCompensator:
         before: Frame | None,
     ) -> Frame:
         """Return the frame x taken at time t [s] and configuration q (nq), after another one."""
-        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q, x)
-        X_a = X_k.dot(a_k)
-        b = task.position(x_hat) - task.position(x) - X_a
+        task = kinematics.task
+        x_hat, X_k = kinematics.at(q, x)
+        b = task.position(x_hat) - task.position(x) - X_k.dot(kinematics.a_k)
         X_smooth, b_smooth, turn = X_k, b, task.turn(x_hat, x)
         if before is not None and math.isfinite(self.smoothing):
             rest = math.exp(-self.smoothing * (t - before.t))

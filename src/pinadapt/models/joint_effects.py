@@ -116,7 +116,7 @@ class JointEffects:
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self.known, q, v, a, 1.0, np.zeros((self._n, 0)), self.zero)[0]
+        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
 
     def added(
         self,
@@ -195,9 +195,10 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
 
 def _shape(friction: Friction) -> np.ndarray:
     """Return 1 / threshold, breakaway - 1 and 1 / fading (3, m) of all shafts."""
-    threshold, excess, rate = friction.shape
-    of_shafts = [[1.0 / part.threshold, 0.0, 1.0] for part in friction.shafts]
-    return np.column_stack([np.array([1.0 / threshold, excess, rate]), *of_shafts])
+    of_shafts = [[part.threshold, 0.0, 1.0] for part in friction.shafts]
+    shape = np.column_stack([friction.shape, *of_shafts])
+    shape[0] = 1.0 / shape[0]
+    return shape
 
 
 def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
@@ -205,17 +206,15 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
     Gears add a tenth of the torque that they carry.
     """
-    n = robot.model.nv
-    others = [np.full(n, 0.1), typical[2], typical[2]]
-    joints = np.array([*typical, *others])
+    joints = np.array([*typical, np.full(robot.model.nv, 0.1), typical[2], typical[2]])
     of_shafts = [joints[:, part.joints].mean(axis=1) for part in robot.friction.shafts]
     return np.column_stack([joints, *of_shafts])
 
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction, armature = robot.friction, robot.model.armature
-    joints = np.array([armature, *(getattr(friction, kind) for kind in KINDS[1:])])
+    friction = robot.friction
+    joints = np.array([robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])])
     shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
     return np.column_stack([joints, *shafts])
 

@@ -97,12 +97,12 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
     By default a length lies between a tenth and ten times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
-    values = placed_values(robot.model, robot.frame_id, translations)
     sizes = [part.size for part in translations]
-    initial = np.concatenate([np.zeros(0), *values])
     joints = [part.joint or robot.model.njoints for part in translations]
     margins = [BOUND if part.joint == FIRST else _WIDE for part in translations]
-    margin, length = (np.repeat(each, sizes) for each in (margins, np.equal(sizes, 1)))
+    initial = np.concatenate(
+        [np.zeros(0), *placed_values(robot.model, robot.frame_id, translations)]
+    )
     shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
     return Columns(
         tuple(label for part in translations for label in part.labels),
@@ -111,9 +111,9 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
         initial,
         np.ones(initial.size),
         np.where(
-            length,
+            np.repeat(np.equal(sizes, 1), sizes),
             np.outer([1.0 / BOUND, BOUND], initial),
-            initial + np.outer([-robot.reach, robot.reach], margin),
+            initial + np.outer([-robot.reach, robot.reach], np.repeat(margins, sizes)),
         ),
     )
 
@@ -125,10 +125,11 @@ def columns_of_geometry(robot: Robot) -> Columns:
     (4), in metres and radians: one along or about the axis of a joint is left out, as one of the
     next placement has the same effect.
     """
-    model, tip = robot.model, placement_of(robot.model, robot.frame_id, None)
+    model = robot.model
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
-    motions = np.kron(np.eye(2), tip.rotation)[:, :3]
+    tip = placement_of(model, robot.frame_id, None).rotation
+    motions = np.concatenate([tip, np.zeros((3, 3))])
     parts = [(unknown_translations(robot, [TOOL])[0].labels, motions, _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
@@ -139,8 +140,8 @@ def columns_of_geometry(robot: Robot) -> Columns:
     names, moves, sizes = zip(*parts, strict=True)
     deviations = np.concatenate(sizes)
     return Columns(
-        tuple(name for each in names for name in each),
-        np.repeat([model.njoints, *range(1, model.njoints)], [len(each) for each in names]),
+        sum(names, ()),
+        np.repeat([model.njoints, *range(1, model.njoints)], list(map(len, names))),
         np.concatenate(moves, axis=1),
         np.zeros(deviations.size),
         deviations / (OFF * robot.reach),
@@ -307,8 +308,8 @@ class LinearKinematics(TaskKinematics):
 
         No law for pictures, whose acceleration is not affine in a_k, asks for it.
         """
-        chain, (Phi, Phid) = self._now, self._now.motion
-        return self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
+        Phi, Phid = self._now.motion[:, :, :-1]
+        return self._regressor(Phi.dot(a) + Phid.dot(self._v), self._y, self._now)
 
     def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of a robot, exact where other placements are the same."""
@@ -320,21 +321,21 @@ class LinearKinematics(TaskKinematics):
         None if no parameters give that robot's coordinates, because other placements differ. A
         constant rotation between the frame and the marker that a tracker sees has no effect.
         """
-        m, start = self.positions, self._described(robot)
+        m, found = self.positions, self._described(robot)
         rows, off = [], []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
-            self.update(start, q, self._still)
+            self.update(found, q, self._still)
             x = robot.position(q)
             rows.append(self.explaining(x)[:m] * self.sizes)
             off.append(self.task.error(x, self.x_hat))
         W, left = np.concatenate(rows), np.array(off)
         if not self.calibrated:
             left = left[:, :m]
-        found = np.zeros(self.size)
         if np.abs(left).max() >= ROUNDING:
-            found = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
-            left[:, :m] -= (W @ found).reshape(-1, m)
-        return start + found * self.sizes if np.abs(left).max() < ROUNDING else None
+            step = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
+            left[:, :m] -= (W @ step).reshape(-1, m)
+            found = found + step * self.sizes
+        return found if np.abs(left).max() < ROUNDING else None
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
@@ -355,9 +356,9 @@ class LinearKinematics(TaskKinematics):
     def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
         """Yield the columns (p) of each placement, the described one, and that of a model."""
         for joint in np.unique(self.columns.joints).tolist():
-            frame, of = self.robot.frame_id, None if joint == model.njoints else joint
-            places = (placement_of(each, frame, of) for each in (self.robot.model, model))
-            yield self.columns.joints == joint, *places
+            at = self.robot.frame_id, None if joint == model.njoints else joint
+            nominal = placement_of(self.robot.model, *at)
+            yield self.columns.joints == joint, nominal, placement_of(model, *at)
 
 
 class FrameKinematics(LinearKinematics):

@@ -97,12 +97,13 @@ class PhysicalSet:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
         from scipy.linalg import block_diag  # here, because scipy is slow to import
 
-        P, P_0, c = self.matrices(a), self._centers[0], self.coefficients(a)
-        L = np.linalg.cholesky(P)
+        L = np.linalg.cholesky(self.matrices(a))
+        c = self.coefficients(a)
         inverse = np.linalg.inv(L)[:, None]
         B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
         Q, R = np.linalg.qr(B.swapaxes(1, 2))
-        push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
+        near = L.swapaxes(1, 2) @ np.linalg.solve(self._centers[0], L)  # one at the centre
+        push = (near - np.eye(4)).reshape(-1, 1, 16) @ Q
         roots = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))[:, None, None]
         root, share = np.sqrt(self.weights), c / self.coefficients(self.center)
         others = np.diag(np.concatenate([c / root, self.scales]))
@@ -125,8 +126,8 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
             where="identify",
             hint="Leave out basis and unknown lengths.",
         )
-    margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
-    return around(dynamics, dynamics.initial, *margins)
+    least_mass = 1e-3 * robot.mass / robot.model.nv
+    return around(dynamics, dynamics.initial, least_mass, 1e-2 * robot.reach)
 
 
 def around(

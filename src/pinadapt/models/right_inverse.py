@@ -197,7 +197,8 @@ def bound_smoothly(
     r = kernels.largest_share(x, limits)
     if r <= knee:
         return x, rate
+    width = most - knee
     slope = float(((x / limits / r) ** 7).dot(rate / limits))  # dr/dt
-    t, width = math.tanh((r - knee) / (most - knee)), most - knee
+    t = math.tanh((r - knee) / width)
     f = (knee + width * t) / r
     return f * x, f * rate + (1.0 - t * t - f) * slope / r * x

@@ -51,12 +51,7 @@ class TaskKinematics(ABC):
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
-    robot: Robot
     task: Task
-    joint_names: list[str]
-    frame: str
-    nq: int
-    nv: int
     names: tuple[str, ...]
     size: int
     positions: int

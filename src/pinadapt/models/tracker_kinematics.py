@@ -118,9 +118,9 @@ class TrackerKinematics(ProjectedKinematics):
             told = G.T @ H @ G + np.diag(known)
             slope = G.T @ (score - H @ self.parameters(tracker)) - known * off
             step = np.linalg.solve(told + self._vague, slope)
-            R, t = tracker.placement.rotation, tracker.placement.translation
-            placement = pin.SE3(pin.exp3(step[:3]) @ R, t + step[3:6])
-            tracker = Tracker(placement, tracker.a + step[6:])
+            place = tracker.placement
+            moved = pin.SE3(pin.exp3(step[:3]) @ place.rotation, place.translation + step[3:6])
+            tracker = Tracker(moved, tracker.a + step[6:])
             if np.abs(step).max() < 1e-10:
                 break
         return tracker, told
@@ -162,4 +162,4 @@ class TrackerKinematics(ProjectedKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         a = self.nominal + self.displacement(model)
-        return self.parameters(self.tracker(a_k)._replace(a=a))
+        return self.parameters(Tracker(self.tracker(a_k).placement, a))
