@@ -223,7 +223,8 @@ def jacobian_bounds(model: pin.Model, frame: int) -> Bounds:
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
     placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
-    steps, linear = [place.translation for place in placements], np.ones(model.nv)
+    steps = [place.translation for place in placements]
+    linear = np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
         first = np.linalg.norm(np.cross(J[3:, i], data.oMi[i + 1].rotation @ steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))

@@ -121,7 +121,8 @@ def _from_file(
     path: Path, xacro: XacroArguments | None = None, packages: Mapping[str, str] | None = None
 ) -> Description:
     """Read a URDF, xacro or MJCF file."""
-    root, own = read_xml(path), dict[str, Any]()
+    root = read_xml(path)
+    own = dict[str, Any]()
     file: Urdf | Mjcf
     if root.tag == "mujoco" and not xacro:
         file = Mjcf.read(path, root)

@@ -126,7 +126,8 @@ class Mjcf:
                 hint=_COMPILED,
             ) from error
         model.gravity.linear = self.gravity
-        data, poses = model.createData(), model.referenceConfigurations
+        data = model.createData()
+        poses = model.referenceConfigurations
         q = next((pose.data() for pose in poses if pose.key() == "qpos0"), pin.neutral(model))
         pin.framesForwardKinematics(model, data, q)
         for names, loop in zip(self.closures, self.loops, strict=True):
@@ -223,7 +224,8 @@ def mjcf_text(robot: Any) -> str:
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    bodies, taken = [ElementTree.SubElement(root, "worldbody")], {*robot.frames, "world"}
+    bodies = [ElementTree.SubElement(root, "worldbody")]
+    taken = {*robot.frames, "world"}
     motors = ElementTree.Element("actuator")
     columns = zip(*position_limits(model), effort_limits(model), strict=True)
     for index, (name, (low, high, effort)) in enumerate(zip(names, columns, strict=True), 1):

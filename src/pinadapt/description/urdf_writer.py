@@ -56,7 +56,8 @@ class _Edited:
 
     def __init__(self, robot: Any, origin: Origin) -> None:
         self.root, self.packages = origin.urdf.root, origin.urdf.packages
-        self.robot, self.described = robot, origin.model
+        self.robot = robot
+        self.described = origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
         self.links = {link.get("name", ""): link for link in self.root.findall("link")}
 
@@ -79,7 +80,8 @@ class _Edited:
         effects = {name: values for name, values in usual.items() if values.any()}
         for attribute, values in (effects | friction.special).items():
             for index, name in own:
-                stated, value = child(self.joints[name], "dynamics").attrib, values[index - 1]
+                stated = child(self.joints[name], "dynamics").attrib
+                value = values[index - 1]
                 if float(stated.get(attribute, "nan")) != value:
                     stated[attribute] = digits(value)
                     stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
@@ -115,7 +117,8 @@ class _Edited:
         Angles that are the same up to rounding keep their digits.
         """
         placement = self._placement(_end(joint, "parent")).actInv(placement)
-        before, origin = _read_origin(joint).rotation, child(joint, "origin")
+        before = _read_origin(joint).rotation
+        origin = child(joint, "origin")
         origin.set("xyz", digits(placement.translation))
         if np.abs(before - placement.rotation).max() > ROUNDING:
             origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
@@ -134,7 +137,8 @@ class _Edited:
             return
         names = links_of(self.described, index)
         check_physical(self.robot.model.inertias[index], names[0], "urdf")
-        first, placement = self.links[names[0]], self._placement(names[0])
+        first = self.links[names[0]]
+        placement = self._placement(names[0])
         changed = placement.act(_read_inertia(first)).toDynamicParameters() + now - before
         if not is_physical(changed):
             changed = now
@@ -180,7 +184,8 @@ def _skeleton(robot: Any) -> Origin:
     For a joint without velocity or effort limit, 0 is written, as is usual; without position
     limits, 1e9.
     """
-    model, root = robot.model, ElementTree.Element("robot", name=robot.name)
+    model = robot.model
+    root = ElementTree.Element("robot", name=robot.name)
     taken = set(robot.frames)
     links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])

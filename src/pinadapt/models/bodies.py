@@ -66,7 +66,8 @@ class BodyDynamics(Dynamics):
         Raises:
             RobotError: unknown joint.
         """
-        self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
+        self.bodies = chosen_bodies(robot, unknown)
+        names = robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
         known = None if own.all() else np.where(own, 0.0, pi)
@@ -106,7 +107,8 @@ class BodyDynamics(Dynamics):
 
         The estimate of that body is replaced, because it may contain the previous load.
         """
-        described, found = self.value(after), a_d.copy()
+        described = self.value(after)
+        found = a_d.copy()
         if described is None:
             return None
         for carrier in set(after.carriers) & set(self.bodies):

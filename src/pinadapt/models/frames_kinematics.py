@@ -52,7 +52,8 @@ class FramesKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        self.a_k, parts = a_k, self._parts
+        self.a_k = a_k
+        parts = self._parts
         for part, own in self._each(a_k):
             part.update(own, q, v)
         self.J = self.task.joined([part.J for part in parts])
@@ -68,7 +69,8 @@ class FramesKinematics(TaskKinematics):
 
     def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return rows of all frames, given the columns that the parameters of each have."""
-        k, (rows, p) = len(parts), parts[0].shape
+        k = len(parts)
+        (rows, p) = parts[0].shape
         wide = np.zeros((k, rows, k, p))
         for i, part in enumerate(parts):
             wide[i, :, i] = part

@@ -25,7 +25,8 @@ class InertialModel(Regressor):
         """Copy a chain's model, and load its own parameters."""
         super().__init__(model)
         self._ballast_model, self._ballast_data = model.copy(), model.createData()
-        self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
+        self._inertias = self._model.inertias
+        self._ballast_model.armature = np.zeros(model.nv)
         self.load(inertial_parameters(model))
         self._tens = np.zeros(PER_BODY * model.nv)
         self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
@@ -38,7 +39,8 @@ class InertialModel(Regressor):
 
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies; they must not change until others are set."""
-        self._pi, self._written = pi, False
+        self._pi = pi
+        self._written = False
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
@@ -79,7 +81,8 @@ class VirtualChains:
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
-        self._a_d, first = a_d, 0
+        self._a_d = a_d
+        first = 0
         for chain, own in zip(self._chains, self._columns, strict=True):
             pi = np.zeros(PER_BODY * self._armature.size)
             pi[own] = a_d[first : first + own.size]

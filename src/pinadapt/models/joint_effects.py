@@ -95,14 +95,16 @@ class JointEffects:
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
-        self.known, typical = coefficients(robot), typical_coefficients(robot)
+        self.known = coefficients(robot)
+        typical = typical_coefficients(robot)
         start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
         start[_SIGNED:] = self.known[_SIGNED:]
         self.initial, self.known[at] = start[at], 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
         shafts = np.concatenate([np.eye(self._n), friction.directions])
-        self.places, self.tables = at, (columns, _shape(friction), shafts)
+        self.places = at
+        self.tables = (columns, _shape(friction), shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
@@ -153,7 +155,8 @@ class JointEffects:
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
-        values, n = coefficients(nominal), self._n
+        values = coefficients(nominal)
+        n = self._n
         values[self.places] = a_j
         joints = dict(zip(KINDS[1:], values[1:, :n], strict=True))
         shafts = tuple(
@@ -252,7 +255,8 @@ def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
     is limited to the friction that decelerates the joint's inertia at home at 50 rad/s^2 (or
     m/s^2).
     """
-    inertia, efforts = 2.0 * typical[0], effort_limits(robot.model)
+    inertia = 2.0 * typical[0]
+    efforts = effort_limits(robot.model)
     motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
     coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
     return np.array([typical[0], coulomb / _SPEED, coulomb])

@@ -64,7 +64,8 @@ def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
     k = int(np.argmax(np.abs(axis)))
     basis = np.eye(3)
     if abs(abs(axis[k]) - 1.0) > 1e-9:
-        k, basis = 2, np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
+        k = 2
+        basis = np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
     basis[:, k] = axis
     return np.kron(np.eye(2), basis), k if is_slide(model.joints[joint]) else 3 + k
 
@@ -164,7 +165,8 @@ class _ObservedChain:
         self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
     ) -> None:
         """Use a nominal robot, its columns, and a map as the kernel takes it."""
-        self._model, self._frame = robot.model.copy(), robot.frame_id
+        self._model = robot.model.copy()
+        self._frame = robot.frame_id
         self._data = data = self._model.createData()
         places = [*self._model.jointPlacements[1:], placement_of(self._model, self._frame, None)]
         origins = np.array([place.translation for place in places])
@@ -185,7 +187,8 @@ class _ObservedChain:
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
-        self.motion, self.maps = np.zeros((2, width, n + 1)), constants.copy()
+        self.motion = np.zeros((2, width, n + 1))
+        self.maps = constants.copy()
         self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
         self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
@@ -229,7 +232,8 @@ class LinearKinematics(TaskKinematics):
             places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
         """
         _, m, width = constants.shape
-        self.columns, self._of_pose = columns, self.task.size > m
+        self.columns = columns
+        self._of_pose = self.task.size > m
         if self._of_pose:  # the rotation in N once more, for the angular velocity
             wider = (0, 0), (0, m), (0, 3)
             constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
@@ -296,7 +300,8 @@ class LinearKinematics(TaskKinematics):
 
         Without the second part (17) of Wang and Xie does not hold.
         """
-        chain, found = self._now, self._now.Jdot.copy()
+        chain = self._now
+        found = self._now.Jdot.copy()
         kernels.add_map_rates(
             a_k_rate, self._entries, chain.motion, chain.maps, chain.G, chain.z,
             self._y, self.xd_hat, found,
@@ -321,7 +326,8 @@ class LinearKinematics(TaskKinematics):
         None if no parameters give that robot's coordinates, because other placements differ. A
         constant rotation between the frame and the marker that a tracker sees has no effect.
         """
-        m, found = self.positions, self._described(robot)
+        m = self.positions
+        found = self._described(robot)
         rows, off = [], []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(found, q, self._still)
@@ -391,7 +397,8 @@ class FrameKinematics(LinearKinematics):
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, task, unknown)
-        self.names, self.size = columns.names, len(columns.names)
+        self.names = columns.names
+        self.size = len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
         constants = np.zeros((2, self.positions, 4 + 3 * self.size))
         constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)

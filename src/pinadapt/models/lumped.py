@@ -35,7 +35,8 @@ def lumped_base(
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
         that belong to the base; N states and the base there (N n, p).
     """
-    model, rng = robot.model, np.random.default_rng(0)
+    model = robot.model
+    rng = np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
     models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
     size = sum(part.size for part in translations)
@@ -52,7 +53,8 @@ def lumped_base(
         if own.size:
             models.append(node)
             columns.append(own)
-            base, without_news = both[:, chosen], 0
+            base = both[:, chosen]
+            without_news = 0
     return models, columns, states, base
 
 

@@ -64,15 +64,18 @@ class TypicalMotion:
     ) -> None:
         """Use the nominal robot, its models, the bandwidth [rad/s] and the limits of the motors."""
         self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
-        self.robot, self.bandwidth = robot.undrawn(), bandwidth
+        self.robot = robot.undrawn()
+        self.bandwidth = bandwidth
         self.kinematics, self.dynamics = kinematics, dynamics
 
-        model, rng = robot.model, np.random.default_rng(0)
+        model = robot.model
+        rng = np.random.default_rng(0)
         p, m = kinematics.task.lengths, kinematics.task.size
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.outer([1.0 / 6.0, 0.01 * bandwidth**2], size)
         constraints = robot.constrained
-        found, still = [], np.zeros(model.nv)
+        found = []
+        still = np.zeros(model.nv)
         home = constraints.free(robot.q0, still)[0]
         for _ in range(SAMPLES):
             q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv).dot(home))

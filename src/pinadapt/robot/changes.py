@@ -273,7 +273,8 @@ class Friction:
         Raises:
             RobotError: another number of joints, or unknown names.
         """
-        names, given = [str(name) for name in model.names[1:]], {}
+        names = [str(name) for name in model.names[1:]]
+        given = {}
         for name in COEFFICIENTS:
             value, where = getattr(self, name), f"friction.{name}"
             if isinstance(value, Mapping):

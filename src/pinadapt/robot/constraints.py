@@ -136,7 +136,8 @@ class Loop:
         A_b[:3] -= r @ A_b[3:]
         A = A_b - A_a
         A_rate = rate_b - rate_a - np.kron(np.eye(2), pin.skew(v_a.angular)) @ A
-        axes, rows = np.kron(np.eye(2), a.rotation.T), list(self.rows)
+        axes = np.kron(np.eye(2), a.rotation.T)
+        rows = list(self.rows)
         return (axes @ A)[rows], (axes @ A_rate)[rows]
 
     def error(
@@ -236,7 +237,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     """
     if not parts:
         return q
-    constraints, still = Constraints(model, parts), np.zeros(model.nv)
+    constraints = Constraints(model, parts)
+    still = np.zeros(model.nv)
     for _ in range(_ITERATIONS):
         A, _ = constraints.at(q, still)
         placed = zip(parts, constraints.places, strict=True)
@@ -272,7 +274,8 @@ def independent(
     R, order = qr(rest.T, mode="r", pivoting=True)
     least = DEPENDENT * np.linalg.norm(A, axis=1).max()
     taken = order[: len(R)][np.abs(np.diag(R)) > least]
-    kept, first = list[Constraint](), 0
+    kept = list[Constraint]()
+    first = 0
     for part in parts:
         rows = [row for row in range(part.size) if first + row in taken]
         first += part.size
@@ -393,7 +396,8 @@ class Constraints:
         """
         A, _ = self._last[1]
         rows, rate = np.zeros((2, len(A)))
-        x, own = self._x(), slice(len(A) - 3 * len(self._feet), None)
+        x = self._x()
+        own = slice(len(A) - 3 * len(self._feet), None)
         u = feet.xd_d - alpha * (x - feet.x_d)
         ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
         still = feet.stands[:, None]

@@ -66,7 +66,8 @@ class MountingPlane:
 
 def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> np.ndarray:
     """Return heights (N, .) [m] above the root of the third joint, those after it and the frame."""
-    data, rows = model.createData(), []
+    data = model.createData()
+    rows = []
     # places where Pinocchio writes: copies cost more than the kinematics
     places = [each.translation for each in [*list(data.oMi)[3:], data.oMf[frame]]]
     for q in configurations:
@@ -176,6 +177,7 @@ def _off_limits(limits: Bounds, angles: np.ndarray) -> np.ndarray:
     It is infinite if no joint has limits.
     """
     limited = np.isfinite(limits[0])
-    (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
+    (low, high) = (limit[limited] for limit in limits)
+    at = angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
     return np.min(nearest, axis=-1, initial=np.inf)

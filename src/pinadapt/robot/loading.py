@@ -148,7 +148,8 @@ def load(
             hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
         )
     found = describe(source, xacro=xacro, mass=mass)
-    free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
+    free = word(base, (FIXED, FREE), "base") == FREE
+    known = frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
     if others and task in (JOINT, COM):
@@ -163,7 +164,8 @@ def load(
             where="base",
             hint='base="free".',
         )
-    ends, hangs = end_links(found.model, found.mimics), False
+    ends = end_links(found.model, found.mimics)
+    hangs = False
     if known is not None and found.closures:
         moving = chain_joints(found.model, frame_id(found.model, known))
         hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
@@ -248,7 +250,8 @@ def _load_chain(
         passive: joints without motors.
         others: task frames beside the first.
     """
-    described, whole = found.model, free or bool(constraints) or frame is None
+    described = found.model
+    whole = free or bool(constraints) or frame is None
     joints = list(range(1, described.njoints))
     floating = [j for j in joints if is_free_flyer(described.joints[j])]
     locks = {changes.joint_id(described, name, "locked") for name in locked}
@@ -277,7 +280,8 @@ def _load_chain(
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip, plane = frame_id(model, frame), MountingPlane()
+    tip = frame_id(model, frame)
+    plane = MountingPlane()
     if not (floating or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
@@ -286,7 +290,8 @@ def _load_chain(
         constraints = *follow, *constraints
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
-        chosen, home = _task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
+        chosen = _task_named(task or "pose", model)
+        home = np.concatenate([np.zeros(6), shown])
     else:
         poses = [shown, pin.neutral(model)]
         chosen, home = choose_task(model, [*several.values()], task, poses, plane)
@@ -370,8 +375,10 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     found = []
     for index, frame in enumerate(model.frames):
         if frame.type in ENDS and (index not in parents or carried[index] >= 2):
-            joint, name = frame.parentJoint, str(frame.name)
-            chain, depth = chain_joints(model, index), len(model.supports[joint])
+            joint = frame.parentJoint
+            name = str(frame.name)
+            chain = chain_joints(model, index)
+            depth = len(model.supports[joint])
             moves = all(is_independent(model, each, mimics) for each in chain)
             behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
             palm = carried[index] >= 2 and behind < depth - 1

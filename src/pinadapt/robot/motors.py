@@ -159,7 +159,8 @@ class LateTorque:
         """Take the delays and bandwidths of n joints."""
         self._delays = np.unique(joints.delay)
         self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
-        self._bandwidth, self._smooth = joints.bandwidth, bool(np.isfinite(joints.bandwidth).any())
+        self._bandwidth = joints.bandwidth
+        self._smooth = bool(np.isfinite(joints.bandwidth).any())
 
     def after(
         self,

@@ -289,7 +289,8 @@ class Robot(Printed):
         Raises:
             RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
         """
-        model, loads = self.model.copy(), self.loads
+        model = self.model.copy()
+        loads = self.loads
         changes.scale_inertias(model, inertial_scale)
         for name, added in changes.by_frame(payload, self.frames, "payload").items():
             frame = model.frames[frame_id(model, name)]

@@ -89,7 +89,8 @@ def reachable_circles(robot: Robot) -> Stacked:
 
 def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
     """Return a circle that starts where the task frame is at home, with its orientation there."""
-    task, start = robot.frame_task, robot.position(robot.q0)
+    task = robot.frame_task
+    start = robot.position(robot.q0)
     circle = circle.shifted(start[: task.lengths] - circle.at(0.0).x_d)
     return circle if task.size == task.lengths else PoseCircle(circle, start[3:])
 
@@ -228,7 +229,8 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
-    constraints, still = tool.constrained, np.zeros(model.nv)
+    constraints = tool.constrained
+    still = np.zeros(model.nv)
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
         """Return the task Jacobian at a configuration (nq), all rows in [m/rad], and A."""
@@ -240,7 +242,8 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
     for position in at[1:]:
-        angles, J = angles_from_configuration(model, q), jacobian(tool, q)
+        angles = angles_from_configuration(model, q)
+        J = jacobian(tool, q)
         U, singular, V = np.linalg.svd(J, full_matrices=False)
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
