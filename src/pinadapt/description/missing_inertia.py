@@ -87,8 +87,8 @@ def with_inertias(
     return model
 
 
-def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
-    """Return a copy of a model with balls of aluminium for point masses; None if it has none.
+def with_solid_points(model: pin.Model, name: str) -> pin.Model:
+    """Return a copy of a model with balls of aluminium for point masses.
 
     Descriptions round a small inertia to zero, and a joint about an axis through the mass then
     moves without inertia. A last body without mass, such as a flange, gets a ball of a hundredth of
@@ -109,13 +109,12 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
             ball.lever = body.lever
             model.inertias[joint] = ball
             words.append(f"{links_of(model, joint)[0]} {mass:.2g} kg")
-    if not words:
-        return None
-    warnings.warn(
-        f"{name}: these links are described without inertia and get that of a ball of aluminium: "
-        f"{', '.join(words)}.",
-        stacklevel=3,
-    )
+    if words:
+        warnings.warn(
+            f"{name}: these links are described without inertia and get that of a ball of "
+            f"aluminium: {', '.join(words)}.",
+            stacklevel=3,
+        )
     return model
 
 
