@@ -95,9 +95,12 @@ class Packages:
         """Return the folder of a package, or None."""
         if name in self.named:
             return Path(self.named[name])
-        first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-        second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        ros = [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
+        ros = [
+            Path(text, inside)
+            for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
+            for text in os.environ.get(variable, "").split(os.pathsep)
+            if text
+        ]
         for place in (*self._above, *ros):
             for folder in (place, place / name):
                 if folder.name == name and folder.is_dir():

@@ -163,13 +163,13 @@ def physical_fit(
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
     R, z = square(A, b)
-    a = physical.center if near is None else near
-    weight = gamma
-    if near is None:
-        weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    if near is not None:
+        return _newton(R, z, physical, near, gamma)
+    a = physical.center
+    weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
     while weight > gamma:
         a = _newton(R, z, physical, a, weight)
-        weight = max(weight / _FALL, gamma)
+        weight /= _FALL
     return _newton(R, z, physical, a, gamma)
 
 

@@ -75,8 +75,7 @@ class TaskKinematics(ABC):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
-        arguments: tuple[Any, ...] = (self.robot, self.unknown)
-        return type(self), arguments, {"constraints": self.constraints}
+        return type(self), (self.robot, self.unknown), {"constraints": self.constraints}
 
     def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""

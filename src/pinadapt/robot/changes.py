@@ -66,10 +66,12 @@ def by_frame(given: Any, frames: Sequence[str], where: str) -> dict[str, Any]:
     Raises:
         InputError: unknown frames, or several and no mapping from their names.
     """
+    if given is None:
+        return {}
     if isinstance(given, Mapping):
         return {word(name, frames, where): own for name, own in given.items()}
-    if given is None or len(frames) == 1:
-        return {} if given is None else {frames[0]: given}
+    if len(frames) == 1:
+        return {frames[0]: given}
     raise RobotError(
         f"there are {len(frames)} task frames; say of which one it is.",
         where=where,
