@@ -46,7 +46,7 @@ def test_init_and_load_choose_the_same(path, tmp_path):
 def test_the_elbow_stays_above_the_floor():
     robot = pa.load(example_path("ur10"))
     model, frame, rows = robot.model, robot.frame_id, robot.frame_task.rows
-    without = find_home(model, frame, rows, [pin.neutral(model)])
+    without = find_home(model, [frame], rows, [pin.neutral(model)])
     distances = robot.mounting.distances(model, frame, [without, robot.q0])
     assert distances[0] < -0.3 and distances[1] > 0.05 * robot.reach
 

@@ -108,6 +108,15 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
 
 
+def test_a_joint_that_moves_without_inertia_is_named():
+    model, joint = pin.Model(), 0
+    for name, body in (("first", pin.Inertia.Zero()), ("second", pin.Inertia.FromSphere(1.0, 0.1))):
+        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    with pytest.raises(pa.RobotError, match=r"'first'.* have no mass or inertia"):
+        pa.load(model, task="joint")
+
+
 @pytest.mark.parametrize("what", ["negative mass", "nan mass", "nan placement", "nan gravity"])
 def test_models_with_impossible_numbers_are_refused(what):
     model = described("ur5").model.copy()

@@ -42,7 +42,7 @@ def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
     assert 0.05 * robot.reach < circle.radius <= 0.1 * robot.reach
     lower, upper = position_limits(robot.model)
     model, data = robot.model, robot.model.createData()
-    at_home = conditioning(model, data, robot.frame_id, robot.task.rows, robot.q0)[0]
+    at_home = conditioning(model, data, [robot.frame_id], robot.task.rows, robot.q0)[0]
     for axis in np.eye(3):
         true = robot.changed(tool_translation=0.05 * robot.reach * axis)
         configurations, speeds = followed(true, circle, point(true))
@@ -51,7 +51,7 @@ def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
         room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
         assert room.min(initial=1.0) > 0.04
         least = min(
-            conditioning(model, data, robot.frame_id, robot.task.rows, q)[0]
+            conditioning(model, data, [robot.frame_id], robot.task.rows, q)[0]
             for q in configurations[::10]
         )
         assert least > 0.48 * at_home
@@ -78,7 +78,7 @@ def test_the_searched_home_beats_random_poses_inside_the_limits():
     def quality(angles):
         q = robot.at(angles).q0
         room = np.min(np.minimum(angles - lower, upper - angles) / (upper - lower))
-        return conditioning(robot.model, data, robot.frame_id, robot.task.rows, q)[0] * min(
+        return conditioning(robot.model, data, [robot.frame_id], robot.task.rows, q)[0] * min(
             1.0, room / 0.2
         )
 

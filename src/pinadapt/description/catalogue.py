@@ -103,15 +103,18 @@ def whole_names() -> list[str]:
 @cache
 def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
     """Return URDF, model and reference pose (nq) of a whole robot; callers must not change them."""
-    loaders, kind, urdf = _loaders(), _loaders().ROBOTS[name], Urdf.read(example_path(name))
+    kind = _loaders().ROBOTS[name]
+    urdf = Urdf.read(example_path(name))
     model = urdf.model(*[pin.JointModelFreeFlyer()] if kind.free_flyer else ())
     if hasattr(kind, "freeflyer_ori"):
         model.jointPlacements[1].rotation = kind.freeflyer_ori
     if not kind.srdf_filename:
         return urdf, model, pin.neutral(model)
     srdf = str(_folder(kind) / kind.path / kind.srdf_subpath / kind.srdf_filename)
-    rotors, pose = kind.has_rotor_parameters, kind.ref_posture
-    return urdf, model, loaders.readParamsFromSrdf(model, srdf, False, rotors, pose)
+    pose = _loaders().readParamsFromSrdf(
+        model, srdf, False, kind.has_rotor_parameters, kind.ref_posture
+    )
+    return urdf, model, pose
 
 
 @lru_cache(maxsize=8)  # the meshes of a robot take up to 200 MB

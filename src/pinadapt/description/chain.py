@@ -121,8 +121,9 @@ def reduced(
 ) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
     """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes."""
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
-    unique = with_unique_names(model)
-    chain, geometries = pin.buildReducedModel(unique, list(shapes), lock, q_reference)
+    chain, geometries = pin.buildReducedModel(
+        with_unique_names(model), list(shapes), lock, q_reference
+    )
     restore_names(chain)
     return chain, geometries
 
@@ -156,11 +157,10 @@ def position_limits(model: pin.Model) -> Bounds:
 
 def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
-    joints = model.joints[1:]
-    at, turns = [joint.idx_q for joint in joints], [joint.nq > 1 for joint in joints]
-    limits = model.lowerPositionLimit[at], model.upperPositionLimit[at]
-    low, high = (np.where(turns, np.nan, limit) for limit in limits)
-    return low, high
+    at = [joint.idx_q for joint in model.joints[1:]]
+    turns = [joint.nq > 1 for joint in model.joints[1:]]
+    low = np.where(turns, np.nan, model.lowerPositionLimit[at])
+    return low, np.where(turns, np.nan, model.upperPositionLimit[at])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
@@ -205,7 +205,7 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
     return float(length or (upper - lower).sum())
 
 
-def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
+def jacobian_bounds(model: pin.Model, frame: int) -> Bounds:
     """Return bounds of |J_i|, column by column of the frame's Jacobian, over all configurations.
 
     For a revolute joint, |J_i| is the distance of the frame from the joint axis. It is at most the
@@ -217,15 +217,16 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
         Linear part (nv) [m/rad, or 1 for slides], infinite for joints before a slide without
         limits; angular part (nv), 1 or 0.
     """
-    q, data = pin.neutral(model), model.createData()
-    axes = pin.computeJointJacobians(model, data, q).reshape(6, model.nv)[3:]
+    data = model.createData()
+    J = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, model.nv)
     low, high = position_limits(model)
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
     placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
-    steps, linear = [place.translation for place in placements], np.ones(model.nv)
+    steps = [place.translation for place in placements]
+    linear = np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
-        first = np.linalg.norm(np.cross(axes[:, i], data.oMi[i + 1].rotation @ steps[i]))
+        first = np.linalg.norm(np.cross(J[3:, i], data.oMi[i + 1].rotation @ steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))
         linear[i] = first + rest + stroke[i + 1 :].sum()
     return linear, np.where(slides, 0.0, 1.0)
@@ -276,7 +277,8 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
 
 def is_independent(model: pin.Model, joint: int, mimics: Collection[str]) -> bool:
     """Return whether a joint is revolute, continuous or prismatic, and follows no other one."""
-    part, kind = model.joints[joint], model.joints[joint].shortname().removeprefix("JointModel")
+    part = model.joints[joint]
+    kind = part.shortname().removeprefix("JointModel")
     follows = model.names[joint] in mimics or "Mimic" in kind
     return part.nv == 1 and kind[0] in "RP" and not follows
 

@@ -113,8 +113,7 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
     }
-    q_reference = getattr(source, "q0", None)
-    q_reference = pin.neutral(model) if q_reference is None else q_reference
+    q_reference = getattr(source, "q0", pin.neutral(model))
     return Description(str(model.name), model, shapes.get, q_reference)
 
 
@@ -122,7 +121,8 @@ def _from_file(
     path: Path, xacro: XacroArguments | None = None, packages: Mapping[str, str] | None = None
 ) -> Description:
     """Read a URDF, xacro or MJCF file."""
-    root, own = read_xml(path), dict[str, Any]()
+    root = read_xml(path)
+    own = dict[str, Any]()
     file: Urdf | Mjcf
     if root.tag == "mujoco" and not xacro:
         file = Mjcf.read(path, root)
@@ -131,15 +131,15 @@ def _from_file(
     else:
         file = own["urdf"] = Urdf.read(path, xacro, packages)
         model = file.model()
-    geometry = partial(file.geometry, model)
-    return Description(str(model.name), model, geometry, keyframe(model), file.mimics, **own)
+    shapes = partial(file.geometry, model)
+    return Description(str(model.name), model, shapes, keyframe(model), file.mimics, **own)
 
 
 def _whole_robot(name: str) -> Description:
     """Return a whole robot of example-robot-data, by the name of its loader."""
     urdf, model, q_reference = whole_robot(name)
-    geometry = partial(whole_geometry, name)
-    return Description(name, model.copy(), geometry, q_reference.copy(), urdf.mimics, urdf=urdf)
+    shapes = partial(whole_geometry, name)
+    return Description(name, model.copy(), shapes, q_reference.copy(), urdf.mimics, urdf=urdf)
 
 
 def _from_catalogue(name: str) -> Description:
@@ -149,8 +149,9 @@ def _from_catalogue(name: str) -> Description:
     model, q_reference = whole.model, whole.q_reference
     if entry.tip is not None:
         index = frame_id(model, entry.link)
-        link, kind = model.frames[index], pin.FrameType.OP_FRAME
+        link = model.frames[index]
         place = link.placement * pin.SE3(np.eye(3), np.array(entry.tip))
+        kind = pin.FrameType.OP_FRAME
         model.addFrame(pin.Frame(entry.frame, link.parentJoint, index, place, kind))
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):

@@ -20,7 +20,8 @@ def with_base_joints(tree: pin.Model) -> pin.Model:
     q is (x, y, z, yaw, pitch, roll, joints), in world axes. They are singular at a pitch of 90
     degrees, where no robot stands.
     """
-    base, joint = pin.Model(), 0
+    base = pin.Model()
+    joint = 0
     for name, kind in zip(BASE_JOINTS, _KINDS, strict=True):
         joint = base.addJoint(joint, kind(), pin.SE3.Identity(), name)
         base.addJointFrame(joint)

@@ -46,7 +46,8 @@ def with_inertias(
         RobotError: the mass is not positive and finite, or not above the described mass; or every
             body has a mass already.
     """
-    lacking, described = massless_joints(model), sum(body.mass for body in model.inertias)
+    lacking = massless_joints(model)
+    described = sum(body.mass for body in model.inertias)
     if not lacking or positive(mass, "mass", error=RobotError) <= described:
         raise RobotError(
             f"the description of '{name}' has {described:.4g} kg already, and {len(lacking)} "
@@ -58,7 +59,8 @@ def with_inertias(
     wanted = [*lacking, *[0] * (model.inertias[0].mass <= 0.0)]
     solids: dict[int, pin.Inertia] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
-        placed, shapes = dict[int, pin.Inertia](), geometry(kind)
+        placed = dict[int, pin.Inertia]()
+        shapes = geometry(kind)
         for part in shapes.geometryObjects if shapes else ():
             joint = part.parentJoint
             if joint in wanted and (solid := _solid(part.geometry)) is not None:
@@ -68,7 +70,8 @@ def with_inertias(
     radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
     rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
     density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
-    model, words = model.copy(), []
+    model = model.copy()
+    words = []
     for joint, body in (solids | rods).items():
         rod = ", a rod or ball as it has no shapes" if joint in rods else ""
         words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}{rod}")
@@ -84,8 +87,8 @@ def with_inertias(
     return model
 
 
-def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
-    """Return a copy of a model with balls of aluminium for point masses; None if it has none.
+def with_solid_points(model: pin.Model, name: str) -> pin.Model:
+    """Return a copy of a model with balls of aluminium for point masses.
 
     Descriptions round a small inertia to zero, and a joint about an axis through the mass then
     moves without inertia. A last body without mass, such as a flange, gets a ball of a hundredth of
@@ -95,7 +98,8 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
         model: of the chain.
         name: of the robot, for the warning.
     """
-    model, words = model.copy(), []
+    model = model.copy()
+    words = []
     flange = 0.01 * sum(body.mass for body in model.inertias[1:])
     for joint in range(1, model.njoints):
         body = model.inertias[joint]
@@ -105,13 +109,12 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
             ball.lever = body.lever
             model.inertias[joint] = ball
             words.append(f"{links_of(model, joint)[0]} {mass:.2g} kg")
-    if not words:
-        return None
-    warnings.warn(
-        f"{name}: these links are described without inertia and get that of a ball of aluminium: "
-        f"{', '.join(words)}.",
-        stacklevel=3,
-    )
+    if words:
+        warnings.warn(
+            f"{name}: these links are described without inertia and get that of a ball of "
+            f"aluminium: {', '.join(words)}.",
+            stacklevel=3,
+        )
     return model
 
 

@@ -126,7 +126,8 @@ class Mjcf:
                 hint=_COMPILED,
             ) from error
         model.gravity.linear = self.gravity
-        data, poses = model.createData(), model.referenceConfigurations
+        data = model.createData()
+        poses = model.referenceConfigurations
         q = next((pose.data() for pose in poses if pose.key() == "qpos0"), pin.neutral(model))
         pin.framesForwardKinematics(model, data, q)
         for names, loop in zip(self.closures, self.loops, strict=True):
@@ -223,30 +224,30 @@ def mjcf_text(robot: Any) -> str:
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    bodies, taken = [ElementTree.SubElement(root, "worldbody")], {*robot.frames, "world"}
+    bodies = [ElementTree.SubElement(root, "worldbody")]
+    taken = {*robot.frames, "world"}
     motors = ElementTree.Element("actuator")
-    limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
-    effects = {
-        "damping": friction.viscous,
-        "frictionloss": friction.coulomb,
-        "armature": model.armature,
-    }
-    for index, name in enumerate(names, 1):
-        link, joint = free_name(links_of(model, index)[0], taken), model.joints[index]
+    columns = zip(*position_limits(model), effort_limits(model), strict=True)
+    for index, (name, (low, high, effort)) in enumerate(zip(names, columns, strict=True), 1):
+        link = free_name(links_of(model, index)[0], taken)
         place = {"name": link, **_at(model.jointPlacements[index])}
-        bodies.append(ElementTree.SubElement(bodies[model.parents[index]], "body", place))
-        _write_inertia(bodies[-1], model.inertias[index])
-        written = {
-            "name": name,
-            "type": "slide" if is_slide(joint) else "hinge",
-            "axis": digits(axis_of(model, index)),
-            **{word: digits(values[index - 1]) for word, values in effects.items()},
-        }
-        if np.isfinite(limits[index - 1]).all():
-            written["range"] = digits(limits[index - 1])
-        ElementTree.SubElement(bodies[-1], "joint", written)
+        body = ElementTree.SubElement(bodies[model.parents[index]], "body", place)
+        bodies.append(body)
+        _write_inertia(body, model.inertias[index])
+        joint = ElementTree.SubElement(
+            body,
+            "joint",
+            name=name,
+            type="slide" if is_slide(model.joints[index]) else "hinge",
+            axis=digits(axis_of(model, index)),
+            damping=digits(friction.viscous[index - 1]),
+            frictionloss=digits(friction.coulomb[index - 1]),
+            armature=digits(model.armature[index - 1]),
+        )
+        if np.isfinite([low, high]).all():
+            joint.set("range", digits([low, high]))
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
-        if np.isfinite(effort := efforts[index - 1]):
+        if np.isfinite(effort):
             motor.set("ctrlrange", digits([-effort, effort]))
     for name in robot.frames:
         frame = model.frames[frame_id(model, name)]
@@ -271,6 +272,10 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     """
     check_physical(inertia, body.get("name", ""), "mjcf")
     full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
-    written = {"pos": inertia.lever, "mass": inertia.mass, "fullinertia": full}
-    texts = {name: digits(numbers) for name, numbers in written.items()}
-    ElementTree.SubElement(body, "inertial", texts)
+    ElementTree.SubElement(
+        body,
+        "inertial",
+        pos=digits(inertia.lever),
+        mass=digits(inertia.mass),
+        fullinertia=digits(full),
+    )

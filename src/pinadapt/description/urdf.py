@@ -67,7 +67,8 @@ class Urdf:
             RobotError: no such file, not XML, not a URDF, a xacro file that cannot be expanded,
                 arguments for a URDF, or a number that cannot be read.
         """
-        root, packages = read_xml(path), Packages(path.parent, named or {})
+        root = read_xml(path)
+        packages = Packages(path.parent, named or {})
         if path.suffix == ".xacro":
             root = parse_xml(expand(path, xacro or {}, packages), str(path))
         elif xacro:
@@ -115,8 +116,10 @@ class Urdf:
 
         A warning lists these meshes. If one cannot be read, there are no shapes at all.
         """
-        root, tag = self.root, "visual" if kind == pin.GeometryType.VISUAL else "collision"
-        missing, lost = self.packages.find_files(root), set[str]()
+        root = self.root
+        tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
+        missing = self.packages.find_files(root)
+        lost = set[str]()
         for link in root.iter("link"):
             for shape in link.findall(tag):
                 files = {mesh.get("filename", "") for mesh in shape.iter("mesh")} & missing

@@ -33,7 +33,7 @@ def first_comment(robot: Any, words: str) -> Any:
     return ElementTree.Comment(f" {text.replace('--', '- -')} ")
 
 
-def urdf_text(robot: Any, *, shapes: bool = True) -> str:
+def urdf_text(robot: Any, shapes: bool) -> str:
     """Return the text of a URDF of a ``Robot`` that Pinocchio and MuJoCo read.
 
     Raises:
@@ -56,7 +56,8 @@ class _Edited:
 
     def __init__(self, robot: Any, origin: Origin) -> None:
         self.root, self.packages = origin.urdf.root, origin.urdf.packages
-        self.robot, self.described = robot, origin.model
+        self.robot = robot
+        self.described = origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
         self.links = {link.get("name", ""): link for link in self.root.findall("link")}
 
@@ -79,7 +80,8 @@ class _Edited:
         effects = {name: values for name, values in usual.items() if values.any()}
         for attribute, values in (effects | friction.special).items():
             for index, name in own:
-                stated, value = child(self.joints[name], "dynamics").attrib, values[index - 1]
+                stated = child(self.joints[name], "dynamics").attrib
+                value = values[index - 1]
                 if float(stated.get(attribute, "nan")) != value:
                     stated[attribute] = digits(value)
                     stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
@@ -115,7 +117,8 @@ class _Edited:
         Angles that are the same up to rounding keep their digits.
         """
         placement = self._placement(_end(joint, "parent")).actInv(placement)
-        before, origin = _read_origin(joint).rotation, child(joint, "origin")
+        before = _read_origin(joint).rotation
+        origin = child(joint, "origin")
         origin.set("xyz", digits(placement.translation))
         if np.abs(before - placement.rotation).max() > ROUNDING:
             origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
@@ -134,7 +137,8 @@ class _Edited:
             return
         names = links_of(self.described, index)
         check_physical(self.robot.model.inertias[index], names[0], "urdf")
-        first, placement = self.links[names[0]], self._placement(names[0])
+        first = self.links[names[0]]
+        placement = self._placement(names[0])
         changed = placement.act(_read_inertia(first)).toDynamicParameters() + now - before
         if not is_physical(changed):
             changed = now
@@ -154,9 +158,9 @@ def _read_inertia(link: ElementTree.Element) -> pin.Inertia:
     inertial = link.find("inertial")
     if inertial is None:
         return pin.Inertia.Zero()
-    entries = [float(child(inertial, "inertia").get(name, "0")) for name in ENTRIES]
+    entries = child(inertial, "inertia")
     upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = entries
+    upper[np.triu_indices(3)] = [float(entries.get(name, "0")) for name in ENTRIES]
     mass = float(child(inertial, "mass").get("value", "0"))
     body = pin.Inertia(mass, np.zeros(3), upper + np.triu(upper, 1).T)
     return _read_origin(inertial).act(body)
@@ -180,14 +184,14 @@ def _skeleton(robot: Any) -> Origin:
     For a joint without velocity or effort limit, 0 is written, as is usual; without position
     limits, 1e9.
     """
-    model, root = robot.model, ElementTree.Element("robot", name=robot.name)
+    model = robot.model
+    root = ElementTree.Element("robot", name=robot.name)
     taken = set(robot.frames)
     links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
-    limits = {"effort": effort_limits(model), "velocity": velocity_limits(model)}
-    limits = {name: np.where(np.isfinite(each), each, 0.0) for name, each in limits.items()}
-    limits |= {"lower": lower, "upper": upper}
+    effort = np.nan_to_num(effort_limits(model), posinf=0.0)
+    velocity = np.nan_to_num(velocity_limits(model), posinf=0.0)
     for index, name in enumerate(robot.joint_names, 1):
         part = model.joints[index]
         kind = "prismatic" if is_slide(part) else "continuous" if part.nq == 2 else "revolute"
@@ -195,8 +199,14 @@ def _skeleton(robot: Any) -> Origin:
         ElementTree.SubElement(root, "link", name=links[-1])
         joint = _joint(root, name, kind, links[model.parents[index]], links[-1])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        at = {word: digits(each[index - 1]) for word, each in limits.items()}
-        ElementTree.SubElement(joint, "limit", at)
+        ElementTree.SubElement(
+            joint,
+            "limit",
+            effort=digits(effort[index - 1]),
+            velocity=digits(velocity[index - 1]),
+            lower=digits(lower[index - 1]),
+            upper=digits(upper[index - 1]),
+        )
     for frame in robot.frames:
         carrier = links[model.frames[frame_id(model, frame)].parentJoint]
         ElementTree.SubElement(root, "link", name=frame)

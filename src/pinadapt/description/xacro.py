@@ -60,9 +60,9 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    files = [path, *map(Path, xacro.all_includes)]
-    declared = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
-    known = set(_ARGUMENT.findall(declared))
+    known = set[str]()
+    for file in (path, *map(Path, xacro.all_includes)):
+        known |= set(_ARGUMENT.findall(file.read_text(encoding="utf-8", errors="replace")))
     for name in words.keys() - known:
         raise RobotError(
             f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
@@ -95,9 +95,12 @@ class Packages:
         """Return the folder of a package, or None."""
         if name in self.named:
             return Path(self.named[name])
-        first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-        second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        ros = [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
+        ros = [
+            Path(text, inside)
+            for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
+            for text in os.environ.get(variable, "").split(os.pathsep)
+            if text
+        ]
         for place in (*self._above, *ros):
             for folder in (place, place / name):
                 if folder.name == name and folder.is_dir():

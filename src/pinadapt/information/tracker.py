@@ -116,7 +116,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     tracker, W = own.tracker(lumped), X.reshape(-1, a.size)
     y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *own.translation_names)
+    names = (*turned, *own.columns.names)
     for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(own.parameters(tracker))[1], len(names), reach)
         both = W.T @ W / sigma**2, W.T @ y / sigma**2

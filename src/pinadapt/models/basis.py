@@ -33,14 +33,16 @@ class FittedDynamics(Dynamics):
 
     def _fit(self, states: Sequence[State], Y: np.ndarray) -> None:
         """Use N states (q, v, a), and the regressors (N n, p) there, of full rank."""
-        self._states, (self._Q, self._R) = states, np.linalg.qr(Y)
+        self._states = states
+        (self._Q, self._R) = np.linalg.qr(Y)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a (p) with exactly the torque of a robot with these joints; None if none has.
 
         None has that of friction.
         """
-        model, data = robot.in_base_axes.model, robot.model.createData()
+        model = robot.in_base_axes.model
+        data = model.createData()
         tau = np.concatenate(
             [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
         )
@@ -65,7 +67,8 @@ class BasisDynamics(FittedDynamics):
             ParameterError: wrong shape, entries that are not finite, columns that cannot be
                 identified separately, or a basis that does not contain the nominal robot.
         """
-        B, rows = numbers(B, "unknown.basis", error=ParameterError), PER_BODY * robot.model.nv
+        B = numbers(B, "unknown.basis", error=ParameterError)
+        rows = PER_BODY * robot.model.nv
         if B.ndim != 2 or len(B) != rows or not B.size:
             raise ParameterError(
                 f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape {B.shape}.",
@@ -172,7 +175,8 @@ def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     sizes = np.linalg.norm(W, axis=0)
     floor = ROUNDING * sizes.max(initial=0.0)
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
-    left, chosen = units.copy(), []
+    left = units.copy()
+    chosen = []
     for j in range(len(sizes)):
         length = np.linalg.norm(left[:, j])
         if length > ROUNDING:

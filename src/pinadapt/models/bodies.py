@@ -43,9 +43,11 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     known = {ALL: every, PAYLOAD: robot.carriers, NONE: []}
     if isinstance(unknown, str) and unknown in known:
         return known[unknown]
-    names = name_list(unknown, "unknown.bodies")
     return sorted(
-        {joint_id(robot.model, name, "unknown.bodies", (ALL, PAYLOAD, NONE)) - 1 for name in names}
+        {
+            joint_id(robot.model, name, "unknown.bodies", (ALL, PAYLOAD, NONE)) - 1
+            for name in name_list(unknown, "unknown.bodies")
+        }
     )
 
 
@@ -64,14 +66,14 @@ class BodyDynamics(Dynamics):
         Raises:
             RobotError: unknown joint.
         """
-        self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
+        self.bodies = chosen_bodies(robot, unknown)
+        names = robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
         known = None if own.all() else np.where(own, 0.0, pi)
         super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-        self._carriers = robot.carriers
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -105,10 +107,11 @@ class BodyDynamics(Dynamics):
 
         The estimate of that body is replaced, because it may contain the previous load.
         """
-        described, found = self.value(after), a_d.copy()
+        described = self.value(after)
+        found = a_d.copy()
         if described is None:
             return None
-        for carrier in set(self._carriers) & set(self.bodies):
+        for carrier in set(after.carriers) & set(self.bodies):
             first = PER_BODY * self.bodies.index(carrier)
             found[first : first + PER_BODY] = described[first : first + PER_BODY]
         return found
@@ -151,8 +154,7 @@ def nearest_physical(
     m = max(float(pi[0]), least_mass)
     c = pi[1:4] / pi[0] if pi[0] > 0.0 else np.zeros(3)
     radius = max(least_radius, _VISIBLE * float(np.linalg.norm(c)))
-    P = pseudo_inertia(pi)
-    about_com = P[:3, :3] - pi[0] * np.outer(c, c)
+    about_com = pseudo_inertia(pi)[:3, :3] - pi[0] * np.outer(c, c)
     eigenvalues, vectors = np.linalg.eigh(about_com)
     eigenvalues = np.maximum(eigenvalues, m * radius**2)
     Sigma = (vectors * eigenvalues) @ vectors.T + m * np.outer(c, c)
@@ -161,5 +163,5 @@ def nearest_physical(
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
-    bodies = zip(names, a_d.reshape(-1, PER_BODY), strict=True)
-    return [name for name, pi in bodies if not is_physical(pi)]
+    tens = a_d.reshape(-1, PER_BODY)
+    return [name for name, pi in zip(names, tens, strict=True) if not is_physical(pi)]

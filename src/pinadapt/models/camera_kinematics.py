@@ -42,8 +42,8 @@ class CameraKinematics(ProjectedKinematics):
         Raises:
             ParameterError, RobotError: as ``unknown_translations``.
         """
-        picks = instance(robot.frame_task, ImageTask, "robot.task", RobotError).picks
-        self._project(robot, unknown, [camera for camera, _ in picks])
+        task = instance(robot.frame_task, ImageTask, "robot.task", RobotError)
+        self._project(robot, unknown, [camera for camera, _ in task.picks])
         self.initial = self.parameters(self.task, self.nominal)
         deep = self.sizes[: self._below[1]] * _NEAR / robot.reach
         self.sizes = np.concatenate([self.sizes, np.tile(deep, self._below[0])])

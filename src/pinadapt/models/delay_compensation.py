@@ -157,9 +157,9 @@ class DelayCompensator:
         before: Frame | None,
     ) -> Frame:
         """Return the frame x taken at time t [s] and configuration q (nq), after another one."""
-        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q, x)
-        X_a = X_k.dot(a_k)
-        b = task.position(x_hat) - task.position(x) - X_a
+        task = kinematics.task
+        x_hat, X_k = kinematics.at(q, x)
+        b = task.position(x_hat) - task.position(x) - X_k.dot(kinematics.a_k)
         X_smooth, b_smooth, turn = X_k, b, task.turn(x_hat, x)
         if before is not None and math.isfinite(self.smoothing):
             rest = math.exp(-self.smoothing * (t - before.t))

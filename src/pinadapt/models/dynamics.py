@@ -137,8 +137,8 @@ class Dynamics:
         For columns of B of which each is one of the ten parameters of a body.
         """
         model = robot.in_base_axes.model
-        pi, ((q, v, a),) = inertial_parameters(model), random_states(model, 1)
-        a_d = pi if self.B is None else self.B.T.dot(pi)
+        a_d = self._reduce(inertial_parameters(model))
+        ((q, v, a),) = random_states(model, 1)
         tau = pin.rnea(model, model.createData(), q, v, a)
         ours = self._model(q, v, a).dot(self._expand(a_d)) + self._armature * a
         off = np.abs(tau - ours).max()
@@ -248,7 +248,8 @@ class StackedDynamics(Dynamics):
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        tau, joints = self._inertial.torque(q, v, a), self.joints
+        joints = self.joints
+        tau = self._inertial.torque(q, v, a)
         return joints.added(self._values, q, v, a, 1.0, joints.nothing, tau)[1]
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
@@ -259,15 +260,16 @@ class StackedDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        Y, joints = self._inertial.regressor(q, v, a), self.joints
+        joints = self.joints
+        Y = self._inertial.regressor(q, v, a)
         return joints.added(joints.known, q, v, a, 1.0, Y, joints.zero)[0]
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
-        bodies = self._inertial.slotine_li(q, v, v_r, a_r)
-        return self.joints.added(self._values, q, v_r, a_r, 1.0, *bodies)
+        Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
+        return self.joints.added(self._values, q, v_r, a_r, 1.0, Y, tau)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return momentum and rest of the torque.
@@ -296,6 +298,6 @@ class StackedDynamics(Dynamics):
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) after an announced change of load; that of the joints stays."""
-        size, bare = self._inertial.size, (self.bare(robot) for robot in (before, after))
-        inertial = self._inertial.with_load(a_d[:size], *bare)
+        size = self._inertial.size
+        inertial = self._inertial.with_load(a_d[:size], self.bare(before), self.bare(after))
         return None if inertial is None else np.concatenate([inertial, a_d[size:]])

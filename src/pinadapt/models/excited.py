@@ -142,7 +142,8 @@ def scales(dynamics: Dynamics, a: np.ndarray) -> np.ndarray:
     Bodies by 30 % in the metric of natural adaptation, coefficients of joints by a typical one,
     combinations by 30 % of their typical values.
     """
-    typical, size = np.abs(dynamics.typical), dynamics.inertial.size
+    typical = np.abs(dynamics.typical)
+    size = dynamics.inertial.size
     typical = np.maximum(typical, LEAST * typical.max(initial=0.0) or 1.0)
     L = np.diag(np.concatenate([UNCERTAINTY * typical[:size], typical[size:]]))
     if dynamics.per_body:

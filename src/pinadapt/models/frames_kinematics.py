@@ -42,8 +42,7 @@ class FramesKinematics(TaskKinematics):
         self._take(robot, robot.task, words)
         self._parts = [FrameKinematics(robot.of_frame(name), words) for name in robot.frames]
         self.size = sum(part.size for part in self._parts)
-        named = zip(robot.frames, self._parts, strict=True)
-        self.names = tuple(f"{frame}.{name}" for frame, part in named for name in part.names)
+        self.names = tuple(f"{part.frame}.{name}" for part in self._parts for name in part.names)
         self.translations = [each for part in self._parts for each in part.translations]
         self.initial, self.sizes, self.bounds = (
             np.concatenate([getattr(part, name) for part in self._parts], axis=-1)
@@ -53,7 +52,8 @@ class FramesKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        self.a_k, parts = a_k, self._parts
+        self.a_k = a_k
+        parts = self._parts
         for part, own in self._each(a_k):
             part.update(own, q, v)
         self.J = self.task.joined([part.J for part in parts])
@@ -69,7 +69,8 @@ class FramesKinematics(TaskKinematics):
 
     def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return rows of all frames, given the columns that the parameters of each have."""
-        k, (rows, p) = len(parts), parts[0].shape
+        k = len(parts)
+        (rows, p) = parts[0].shape
         wide = np.zeros((k, rows, k, p))
         for i, part in enumerate(parts):
             wide[i, :, i] = part
@@ -95,8 +96,7 @@ class FramesKinematics(TaskKinematics):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the tools (p) of a robot with the same joints; None if none reproduce it."""
-        named = zip(self.task.frames, self._parts, strict=True)
-        found = [part.value(robot.of_frame(frame)) for frame, part in named]
+        found = [part.value(robot.of_frame(part.frame)) for part in self._parts]
         return None if any(own is None for own in found) else np.concatenate(found)  # type: ignore[arg-type]
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:

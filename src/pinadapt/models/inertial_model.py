@@ -21,12 +21,13 @@ class InertialModel(Regressor):
     M(pi) = M(pi + c u) - c M(u), exactly, for every pi.
     """
 
-    def __init__(self, model: pin.Model, pi: np.ndarray | None = None) -> None:
-        """Copy a chain's model, and load parameters pi (10 n), by default its own."""
+    def __init__(self, model: pin.Model) -> None:
+        """Copy a chain's model, and load its own parameters."""
         super().__init__(model)
         self._ballast_model, self._ballast_data = model.copy(), model.createData()
-        self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
-        self._pi, self._written = inertial_parameters(model) if pi is None else pi, False
+        self._inertias = self._model.inertias
+        self._ballast_model.armature = np.zeros(model.nv)
+        self.load(inertial_parameters(model))
         self._tens = np.zeros(PER_BODY * model.nv)
         self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
         for joint in range(1, model.njoints):  # point masses at the joints
@@ -34,11 +35,12 @@ class InertialModel(Regressor):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
-        return type(self), (self._model, self._pi)
+        return type(self), (self._model,), {"_pi": self._pi}
 
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies; they must not change until others are set."""
-        self._pi, self._written = pi, False
+        self._pi = pi
+        self._written = False
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
@@ -79,7 +81,8 @@ class VirtualChains:
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
-        self._a_d, first = a_d, 0
+        self._a_d = a_d
+        first = 0
         for chain, own in zip(self._chains, self._columns, strict=True):
             pi = np.zeros(PER_BODY * self._armature.size)
             pi[own] = a_d[first : first + own.size]
@@ -111,5 +114,6 @@ class VirtualChains:
 
     def _of_base(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return the base's columns (n, p) of the chains' regressors (n, 10 n)."""
-        pairs = zip(parts, self._columns, strict=True)
-        return np.concatenate([Y[:, own] for Y, own in pairs], axis=1)
+        return np.concatenate(
+            [Y[:, own] for Y, own in zip(parts, self._columns, strict=True)], axis=1
+        )

@@ -95,14 +95,16 @@ class JointEffects:
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
-        self.known, typical = coefficients(robot), typical_coefficients(robot)
+        self.known = coefficients(robot)
+        typical = typical_coefficients(robot)
         start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
         start[_SIGNED:] = self.known[_SIGNED:]
         self.initial, self.known[at] = start[at], 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
         shafts = np.concatenate([np.eye(self._n), friction.directions])
-        self.places, self.tables = at, (columns, _shape(friction), shafts)
+        self.places = at
+        self.tables = (columns, _shape(friction), shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
@@ -116,7 +118,7 @@ class JointEffects:
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self.known, q, v, a, 1.0, np.zeros((self._n, 0)), self.zero)[0]
+        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
 
     def added(
         self,
@@ -153,7 +155,8 @@ class JointEffects:
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
-        values, n = coefficients(nominal), self._n
+        values = coefficients(nominal)
+        n = self._n
         values[self.places] = a_j
         joints = dict(zip(KINDS[1:], values[1:, :n], strict=True))
         shafts = tuple(
@@ -195,9 +198,10 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
 
 def _shape(friction: Friction) -> np.ndarray:
     """Return 1 / threshold, breakaway - 1 and 1 / fading (3, m) of all shafts."""
-    threshold, excess, rate = friction.shape
-    of_shafts = [[1.0 / part.threshold, 0.0, 1.0] for part in friction.shafts]
-    return np.column_stack([np.array([1.0 / threshold, excess, rate]), *of_shafts])
+    of_shafts = [[part.threshold, 0.0, 1.0] for part in friction.shafts]
+    shape = np.column_stack([friction.shape, *of_shafts])
+    shape[0] = 1.0 / shape[0]
+    return shape
 
 
 def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
@@ -205,17 +209,15 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
     Gears add a tenth of the torque that they carry.
     """
-    n = robot.model.nv
-    others = [np.full(n, 0.1), typical[2], typical[2]]
-    joints = np.array([*typical, *others])
+    joints = np.array([*typical, np.full(robot.model.nv, 0.1), typical[2], typical[2]])
     of_shafts = [joints[:, part.joints].mean(axis=1) for part in robot.friction.shafts]
     return np.column_stack([joints, *of_shafts])
 
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction, armature = robot.friction, robot.model.armature
-    joints = np.array([armature, *(getattr(friction, kind) for kind in KINDS[1:])])
+    friction = robot.friction
+    joints = np.array([robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])])
     shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
     return np.column_stack([joints, *shafts])
 
@@ -253,7 +255,8 @@ def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
     is limited to the friction that decelerates the joint's inertia at home at 50 rad/s^2 (or
     m/s^2).
     """
-    inertia, efforts = 2.0 * typical[0], effort_limits(robot.model)
+    inertia = 2.0 * typical[0]
+    efforts = effort_limits(robot.model)
     motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
     coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
     return np.array([typical[0], coulomb / _SPEED, coulomb])

@@ -64,7 +64,8 @@ def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
     k = int(np.argmax(np.abs(axis)))
     basis = np.eye(3)
     if abs(abs(axis[k]) - 1.0) > 1e-9:
-        k, basis = 2, np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
+        k = 2
+        basis = np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
     basis[:, k] = axis
     return np.kron(np.eye(2), basis), k if is_slide(model.joints[joint]) else 3 + k
 
@@ -97,12 +98,12 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
     By default a length lies between a tenth and ten times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
-    values = placed_values(robot.model, robot.frame_id, translations)
     sizes = [part.size for part in translations]
-    initial = np.concatenate([np.zeros(0), *values])
     joints = [part.joint or robot.model.njoints for part in translations]
     margins = [BOUND if part.joint == FIRST else _WIDE for part in translations]
-    margin, length = (np.repeat(each, sizes) for each in (margins, np.equal(sizes, 1)))
+    initial = np.concatenate(
+        [np.zeros(0), *placed_values(robot.model, robot.frame_id, translations)]
+    )
     shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
     return Columns(
         tuple(label for part in translations for label in part.labels),
@@ -111,9 +112,9 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
         initial,
         np.ones(initial.size),
         np.where(
-            length,
+            np.repeat(np.equal(sizes, 1), sizes),
             np.outer([1.0 / BOUND, BOUND], initial),
-            initial + np.outer([-robot.reach, robot.reach], margin),
+            initial + np.outer([-robot.reach, robot.reach], np.repeat(margins, sizes)),
         ),
     )
 
@@ -125,10 +126,11 @@ def columns_of_geometry(robot: Robot) -> Columns:
     (4), in metres and radians: one along or about the axis of a joint is left out, as one of the
     next placement has the same effect.
     """
-    model, tip = robot.model, placement_of(robot.model, robot.frame_id, None)
+    model = robot.model
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
-    motions = np.kron(np.eye(2), tip.rotation)[:, :3]
+    tip = placement_of(model, robot.frame_id, None).rotation
+    motions = np.concatenate([tip, np.zeros((3, 3))])
     parts = [(unknown_translations(robot, [TOOL])[0].labels, motions, _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
@@ -139,8 +141,8 @@ def columns_of_geometry(robot: Robot) -> Columns:
     names, moves, sizes = zip(*parts, strict=True)
     deviations = np.concatenate(sizes)
     return Columns(
-        tuple(name for each in names for name in each),
-        np.repeat([model.njoints, *range(1, model.njoints)], [len(each) for each in names]),
+        sum(names, ()),
+        np.repeat([model.njoints, *range(1, model.njoints)], list(map(len, names))),
         np.concatenate(moves, axis=1),
         np.zeros(deviations.size),
         deviations / (OFF * robot.reach),
@@ -163,7 +165,8 @@ class _ObservedChain:
         self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
     ) -> None:
         """Use a nominal robot, its columns, and a map as the kernel takes it."""
-        self._model, self._frame = robot.model.copy(), robot.frame_id
+        self._model = robot.model.copy()
+        self._frame = robot.frame_id
         self._data = data = self._model.createData()
         places = [*self._model.jointPlacements[1:], placement_of(self._model, self._frame, None)]
         origins = np.array([place.translation for place in places])
@@ -184,7 +187,8 @@ class _ObservedChain:
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
-        self.motion, self.maps = np.zeros((2, width, n + 1)), constants.copy()
+        self.motion = np.zeros((2, width, n + 1))
+        self.maps = constants.copy()
         self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
         self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
@@ -228,7 +232,8 @@ class LinearKinematics(TaskKinematics):
             places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
         """
         _, m, width = constants.shape
-        self.columns, self._of_pose = columns, self.task.size > m
+        self.columns = columns
+        self._of_pose = self.task.size > m
         if self._of_pose:  # the rotation in N once more, for the angular velocity
             wider = (0, 0), (0, m), (0, 3)
             constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
@@ -295,7 +300,8 @@ class LinearKinematics(TaskKinematics):
 
         Without the second part (17) of Wang and Xie does not hold.
         """
-        chain, found = self._now, self._now.Jdot.copy()
+        chain = self._now
+        found = self._now.Jdot.copy()
         kernels.add_map_rates(
             a_k_rate, self._entries, chain.motion, chain.maps, chain.G, chain.z,
             self._y, self.xd_hat, found,
@@ -307,8 +313,8 @@ class LinearKinematics(TaskKinematics):
 
         No law for pictures, whose acceleration is not affine in a_k, asks for it.
         """
-        chain, (Phi, Phid) = self._now, self._now.motion
-        return self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
+        Phi, Phid = self._now.motion[:, :, :-1]
+        return self._regressor(Phi.dot(a) + Phid.dot(self._v), self._y, self._now)
 
     def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of a robot, exact where other placements are the same."""
@@ -320,21 +326,22 @@ class LinearKinematics(TaskKinematics):
         None if no parameters give that robot's coordinates, because other placements differ. A
         constant rotation between the frame and the marker that a tracker sees has no effect.
         """
-        m, start = self.positions, self._described(robot)
+        m = self.positions
+        found = self._described(robot)
         rows, off = [], []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
-            self.update(start, q, self._still)
+            self.update(found, q, self._still)
             x = robot.position(q)
             rows.append(self.explaining(x)[:m] * self.sizes)
             off.append(self.task.error(x, self.x_hat))
         W, left = np.concatenate(rows), np.array(off)
         if not self.calibrated:
             left = left[:, :m]
-        found = np.zeros(self.size)
         if np.abs(left).max() >= ROUNDING:
-            found = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
-            left[:, :m] -= (W @ found).reshape(-1, m)
-        return start + found * self.sizes if np.abs(left).max() < ROUNDING else None
+            step = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
+            left[:, :m] -= (W @ step).reshape(-1, m)
+            found = found + step * self.sizes
+        return found if np.abs(left).max() < ROUNDING else None
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
@@ -355,9 +362,9 @@ class LinearKinematics(TaskKinematics):
     def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
         """Yield the columns (p) of each placement, the described one, and that of a model."""
         for joint in np.unique(self.columns.joints).tolist():
-            frame, of = self.robot.frame_id, None if joint == model.njoints else joint
-            places = (placement_of(each, frame, of) for each in (self.robot.model, model))
-            yield self.columns.joints == joint, *places
+            at = self.robot.frame_id, None if joint == model.njoints else joint
+            nominal = placement_of(self.robot.model, *at)
+            yield self.columns.joints == joint, nominal, placement_of(model, *at)
 
 
 class FrameKinematics(LinearKinematics):
@@ -390,7 +397,8 @@ class FrameKinematics(LinearKinematics):
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, task, unknown)
-        self.names, self.size = columns.names, len(columns.names)
+        self.names = columns.names
+        self.size = len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
         constants = np.zeros((2, self.positions, 4 + 3 * self.size))
         constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)

@@ -35,10 +35,12 @@ def lumped_base(
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
         that belong to the base; N states and the base there (N n, p).
     """
-    model, rng = robot.model, np.random.default_rng(0)
+    model = robot.model
+    rng = np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
     models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
-    without_news, size = 0, sum(part.size for part in translations)
+    size = sum(part.size for part in translations)
+    without_news = 0
     while without_news < 2:
         node = model.copy()
         node.armature = np.zeros(model.nv)
@@ -47,11 +49,12 @@ def lumped_base(
         both = np.hstack([base, np.vstack([regressor(*state) for state in states])])
         chosen, _ = independent_columns(both)
         own = chosen[base.shape[1] :] - base.shape[1]
-        without_news = 0 if own.size else without_news + 1
+        without_news += 1
         if own.size:
             models.append(node)
             columns.append(own)
             base = both[:, chosen]
+            without_news = 0
     return models, columns, states, base
 
 

@@ -97,14 +97,16 @@ class PhysicalSet:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
         from scipy.linalg import block_diag  # here, because scipy is slow to import
 
-        P, P_0, c = self.matrices(a), self._centers[0], self.coefficients(a)
-        L = np.linalg.cholesky(P)
+        L = np.linalg.cholesky(self.matrices(a))
+        c = self.coefficients(a)
         inverse = np.linalg.inv(L)[:, None]
         B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
         Q, R = np.linalg.qr(B.swapaxes(1, 2))
-        push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
+        near = L.swapaxes(1, 2) @ np.linalg.solve(self._centers[0], L)  # one at the centre
+        push = (near - np.eye(4)).reshape(-1, 1, 16) @ Q
         roots = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))[:, None, None]
-        root, share = np.sqrt(self.weights), c / self.coefficients(self.center)
+        root = np.sqrt(self.weights)
+        share = c / self.coefficients(self.center)
         others = np.diag(np.concatenate([c / root, self.scales]))
         T = block_diag(*(np.linalg.inv(R) / roots), others)
         return T, np.concatenate([(roots * push).ravel(), root * (share - 1.0), self.signed(a)])
@@ -125,8 +127,8 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
             where="identify",
             hint="Leave out basis and unknown lengths.",
         )
-    margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
-    return around(dynamics, dynamics.initial, *margins)
+    least_mass = 1e-3 * robot.mass / robot.model.nv
+    return around(dynamics, dynamics.initial, least_mass, 1e-2 * robot.reach)
 
 
 def around(
@@ -161,12 +163,13 @@ def physical_fit(
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
     R, z = square(A, b)
-    a, weight = physical.center if near is None else near, gamma
-    if near is None:
-        weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    if near is not None:
+        return _newton(R, z, physical, near, gamma)
+    a = physical.center
+    weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
     while weight > gamma:
         a = _newton(R, z, physical, a, weight)
-        weight = max(weight / _FALL, gamma)
+        weight /= _FALL
     return _newton(R, z, physical, a, gamma)
 
 
@@ -187,7 +190,8 @@ def nearest_with(
     Returns:
         x, or None where no physical parameters were found within the tolerance.
     """
-    x, target = physical.center, rows @ a
+    x = physical.center
+    target = rows @ a
     scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
     for weight in scale * 0.1 ** np.arange(21):
         if np.linalg.norm(rows @ x - target) <= tolerance:
@@ -225,13 +229,15 @@ def _newton(
     def objective(x: np.ndarray) -> float:
         return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
 
-    root, value = np.sqrt(gamma), objective(a)
+    root = np.sqrt(gamma)
+    value = objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
     while True:
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
-        step, fall = T @ u, float(np.sum((rows @ u) ** 2))
+        step = T @ u
+        fall = float(np.sum((rows @ u) ** 2))
         if fall <= ROUNDING * gamma:
             return a
         share = 1.0

@@ -29,7 +29,6 @@ class ProjectedKinematics(LinearKinematics):
 
     Attributes:
         nominal: (k) the described translations [m].
-        translation_names: (k) names of the translations.
     """
 
     calibrated = False
@@ -39,7 +38,7 @@ class ProjectedKinematics(LinearKinematics):
         self._take(robot, robot.frame_task, unknown)
         self.translations = unknown_translations(robot, unknown)
         columns = columns_of_translations(robot, self.translations)
-        self.nominal, self.translation_names = columns.initial, columns.names
+        self.nominal = columns.initial
         self._camera = np.array(camera, dtype=int)
         of = [f"{name}_{axis}" for name in ("base", *columns.names) for axis in "xyz"]
         deep, rows = ["depth", "depth_2"][: len(set(camera))], self.task.labels[: self.positions]

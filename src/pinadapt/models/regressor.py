@@ -144,7 +144,8 @@ def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
         ValueError: the views are not at equal distances in memory.
     """
     places = np.array([view.__array_interface__["data"][0] for view in views])
-    first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
+    first = views[0]
+    distance = int(places[1] - places[0]) if len(views) > 1 else 0
     if (np.diff(places) != distance).any():
         raise ValueError("the views are not at equal distances in memory.")
     return np.lib.stride_tricks.as_strided(

@@ -63,11 +63,13 @@ class RightInverse:
         Raises:
             DivergedError: J has lost rank without damping, or is not finite.
         """
-        self.size, self._A_rate = len(J), None
+        self.size = len(J)
+        self._A_rate = None
         self._levels = np.zeros(len(J)) if levels is None else levels
         if constraints is not None:
             A, self._A_rate = constraints
-            J, self._rows = np.concatenate([J, A]), np.zeros(len(A))
+            J = np.concatenate([J, A])
+            self._rows = np.zeros(len(A))
             self._rows_rate = self._rows
             if len(A):
                 self._levels = np.concatenate([self._levels + 1.0, self._rows])
@@ -197,7 +199,8 @@ def bound_smoothly(
     r = kernels.largest_share(x, limits)
     if r <= knee:
         return x, rate
+    width = most - knee
     slope = float(((x / limits / r) ** 7).dot(rate / limits))  # dr/dt
-    t, width = math.tanh((r - knee) / (most - knee)), most - knee
+    t = math.tanh((r - knee) / width)
     f = (knee + width * t) / r
     return f * x, f * rate + (1.0 - t * t - f) * slope / r * x

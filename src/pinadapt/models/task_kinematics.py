@@ -51,12 +51,7 @@ class TaskKinematics(ABC):
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
-    robot: Robot
     task: Task
-    joint_names: list[str]
-    frame: str
-    nq: int
-    nv: int
     names: tuple[str, ...]
     size: int
     positions: int
@@ -80,15 +75,15 @@ class TaskKinematics(ABC):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
-        arguments: tuple[Any, ...] = (self.robot, self.unknown)
-        return type(self), arguments, {"constraints": self.constraints}
+        return type(self), (self.robot, self.unknown), {"constraints": self.constraints}
 
     def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""
         self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
         self.joint_names, self.frame = robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.positions, self._still = task.positions, np.zeros(self.nv)
+        self.positions = task.positions
+        self._still = np.zeros(self.nv)
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the right inverse of J, under the constraints if there are any.
@@ -180,8 +175,10 @@ class TaskKinematics(ABC):
                 hint='Leave it out, or use a task of the frame, such as "xyz".',
             )
         self._take(robot, task, unknown)
-        self._data, self._q = robot.model.createData(), robot.q0
-        self.names, self.size = (), 0
+        self._data = robot.model.createData()
+        self._q = robot.q0
+        self.names = ()
+        self.size = 0
         self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
         self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
         self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
@@ -224,12 +221,14 @@ class JointKinematics(TaskKinematics):
         self._know(robot, JointTask.of_joints(robot.model, robot.motors), unknown)
         self._dofs = list(self.task.dofs)
         self.J = np.eye(self.nv)[self._dofs]
-        self._rate, self._inverse = np.zeros(self.J.shape), RightInverse(self.J)
+        self._rate = np.zeros(self.J.shape)
+        self._inverse = RightInverse(self.J)
         self.xd_hat = np.zeros(len(self.J))
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
-        self._q, self.xd_hat = q, v[self._dofs]
+        self._q = q
+        self.xd_hat = v[self._dofs]
 
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the joint coordinates (m) [rad or m] at q (nq), and an empty X_k (0, 0)."""

@@ -76,7 +76,8 @@ class TrackerKinematics(ProjectedKinematics):
         The rotation is the nearest one to R_c of Theta, an orthogonal Procrustes problem (P. H.
         Schönemann, Psychometrika 31, 1966, 1-10); the translations are the nearest to a_i R_c then.
         """
-        Theta, m = a_k.reshape(self._shape), self.positions
+        Theta = a_k.reshape(self._shape)
+        m = self.positions
         blocks = np.zeros((len(self.nominal) + 1, 3, 3))
         blocks[:, self._rows] = Theta[:, :-1].reshape(m, -1, 3).swapaxes(0, 1)
         R, t = nearest_rotation(blocks[0]), np.zeros(3)
@@ -90,7 +91,8 @@ class TrackerKinematics(ProjectedKinematics):
         With respect to small turns of the base about the axes of the tracker, its position, and the
         translations.
         """
-        R, factors = tracker.placement.rotation, self._factors(tracker.a)
+        R = tracker.placement.rotation
+        factors = self._factors(tracker.a)
         ways = [np.column_stack([pin.skew(way[:3]) @ R, way[3:]]) for way in np.eye(6)]
         found = [self._theta(way, factors) for way in ways]
         fixed = np.column_stack([R, np.zeros(3)])
@@ -111,16 +113,18 @@ class TrackerKinematics(ProjectedKinematics):
             score: (p) sum of X_k^T x, x relative to X_k theta, over the same.
             start: tracker to begin with.
         """
-        k, tracker = len(self.nominal), start
+        k = len(self.nominal)
+        tracker = start
         known = np.repeat([0.0, 1.0 / (OFF * self.robot.reach) ** 2], [6, k])
         for _ in range(20):
-            G, off = self.slopes(tracker), np.append(np.zeros(6), tracker.a - self.nominal)
+            G = self.slopes(tracker)
+            off = np.append(np.zeros(6), tracker.a - self.nominal)
             told = G.T @ H @ G + np.diag(known)
             slope = G.T @ (score - H @ self.parameters(tracker)) - known * off
             step = np.linalg.solve(told + self._vague, slope)
-            R, t = tracker.placement.rotation, tracker.placement.translation
-            placement = pin.SE3(pin.exp3(step[:3]) @ R, t + step[3:6])
-            tracker = Tracker(placement, tracker.a + step[6:])
+            place = tracker.placement
+            moved = pin.SE3(pin.exp3(step[:3]) @ place.rotation, place.translation + step[3:6])
+            tracker = Tracker(moved, tracker.a + step[6:])
             if np.abs(step).max() < 1e-10:
                 break
         return tracker, told
@@ -162,4 +166,4 @@ class TrackerKinematics(ProjectedKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         a = self.nominal + self.displacement(model)
-        return self.parameters(self.tracker(a_k)._replace(a=a))
+        return self.parameters(Tracker(self.tracker(a_k).placement, a))

@@ -64,22 +64,26 @@ class TypicalMotion:
     ) -> None:
         """Use the nominal robot, its models, the bandwidth [rad/s] and the limits of the motors."""
         self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
-        self.robot, self.bandwidth = robot.undrawn(), bandwidth
+        self.robot = robot.undrawn()
+        self.bandwidth = bandwidth
         self.kinematics, self.dynamics = kinematics, dynamics
 
-        model, rng = robot.model, np.random.default_rng(0)
+        model = robot.model
+        rng = np.random.default_rng(0)
         p, m = kinematics.task.lengths, kinematics.task.size
         size = np.repeat([robot.reach, 1.0], [p, m - p])
-        scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
+        scale = np.outer([1.0 / 6.0, 0.01 * bandwidth**2], size)
         constraints = robot.constrained
-        found, still = [], np.zeros(model.nv)
+        found = []
+        still = np.zeros(model.nv)
         home = constraints.free(robot.q0, still)[0]
         for _ in range(SAMPLES):
-            way = rng.uniform(-_SPREAD, _SPREAD, model.nv).dot(home)
-            q = pin.integrate(model, robot.q0, way)
+            q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv).dot(home))
             kinematics.update(kinematics.initial, q, still)
-            J, free, A = kinematics.J, constraints.free(q, still)[0], constraints.at(q, still)[0]
-            inverse = np.linalg.pinv(np.concatenate([J, A]), rcond=_SINGULAR)[:, : len(J)]
+            J = kinematics.J
+            rows = np.concatenate([J, constraints.at(q, still)[0]])
+            inverse = np.linalg.pinv(rows, rcond=_SINGULAR)[:, : len(J)]
+            free = constraints.free(q, still)[0]
             v, a = scale * rng.standard_normal((2, m)) @ inverse.T
             kinematics.update(kinematics.initial, q, v)
             found.append((q, v, a, J, inverse, free, kinematics.Y_p, kinematics.X_k))
@@ -91,8 +95,7 @@ class TypicalMotion:
     @cached_property
     def regressors(self) -> np.ndarray:
         """P Y (N, n, p_d) at each state, Y without constraints."""
-        states = zip(*self.states, strict=True)
-        return self.free @ np.array([self.dynamics.regressor(*state) for state in states])
+        return self.free @ np.array(list(map(self.dynamics.regressor, *self.states)))
 
     @cached_property
     def mass_matrices(self) -> np.ndarray:
@@ -115,8 +118,9 @@ class TypicalMotion:
     @property
     def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """J (m, n), M (n, n), J^+ (n, m) and W (n, n), see ``unit_masses``, at each state."""
-        inverses, units = self.right_inverses, self.unit_masses
-        return zip(self.jacobians, self.mass_matrices, inverses, units, strict=True)
+        return zip(
+            self.jacobians, self.mass_matrices, self.right_inverses, self.unit_masses, strict=True
+        )
 
     @property
     def acceleration_effects(self) -> list[np.ndarray]:

@@ -75,7 +75,8 @@ class BaseFromLegs:
         landed = stands & ~self._stood
         self.footholds[landed, :2] = (turned + q[:3])[landed, :2]  # on level ground
         self._stood = stands
-        standing, axes = np.array(self._frames)[stands].tolist(), pin.LOCAL_WORLD_ALIGNED
+        standing = np.array(self._frames)[stands].tolist()
+        axes = pin.LOCAL_WORLD_ALIGNED
         rows = [pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in standing]
         A = np.concatenate(rows)
         v[:4] = np.linalg.lstsq(A[:, :4], -A @ v, rcond=None)[0]

@@ -66,10 +66,12 @@ def by_frame(given: Any, frames: Sequence[str], where: str) -> dict[str, Any]:
     Raises:
         InputError: unknown frames, or several and no mapping from their names.
     """
+    if given is None:
+        return {}
     if isinstance(given, Mapping):
         return {word(name, frames, where): own for name, own in given.items()}
-    if given is None or len(frames) == 1:
-        return {} if given is None else {frames[0]: given}
+    if len(frames) == 1:
+        return {frames[0]: given}
     raise RobotError(
         f"there are {len(frames)} task frames; say of which one it is.",
         where=where,
@@ -168,9 +170,9 @@ class Shaft:
         Raises:
             RobotError: negative coefficients, or a sign other than 1 and -1.
         """
-        for name in ("armature", "viscous", "coulomb", "threshold"):
-            zero = name != "threshold"
-            positive(getattr(self, name), f"shafts.{name}", zero=zero, error=RobotError)
+        for name in ("armature", "viscous", "coulomb"):
+            positive(getattr(self, name), f"shafts.{name}", zero=True, error=RobotError)
+        positive(self.threshold, "shafts.threshold", error=RobotError)
         if len(self.joints) != 2 or self.joints[0] == self.joints[1]:
             raise RobotError(
                 f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"
@@ -197,12 +199,6 @@ class Shaft:
         """Return the name, given those of all joints: "joint_5+joint_6"."""
         first, second = (joints[j] for j in self.joints)
         return f"{first}{'+' if self.sign > 0 else '-'}{second}"
-
-    def direction(self, nv: int) -> np.ndarray:
-        """Return d (nv), u = d . v."""
-        d = np.zeros(nv)
-        d[self.joints[0]], d[self.joints[1]] = 1.0, self.sign
-        return d
 
 
 _SIGNED = ("asymmetry", "offset")
@@ -279,7 +275,8 @@ class Friction:
         Raises:
             RobotError: another number of joints, or unknown names.
         """
-        names, given = [str(name) for name in model.names[1:]], {}
+        names = [str(name) for name in model.names[1:]]
+        given = {}
         for name in COEFFICIENTS:
             value, where = getattr(self, name), f"friction.{name}"
             if isinstance(value, Mapping):
@@ -293,14 +290,16 @@ class Friction:
     @cached_property
     def present(self) -> bool:
         """Whether any joint has friction or an offset."""
-        parts = (self.viscous, self.coulomb, self.gear_friction, self.asymmetry, self.offset)
-        return bool(self.shafts) or any(part.any() for part in parts)
+        parts = self.viscous, self.coulomb, self.gear_friction, self.asymmetry, self.offset
+        return bool(self.shafts or np.any(parts))
 
     @property
     def special(self) -> dict[str, np.ndarray]:
         """The attributes (nv) beside viscous and coulomb that differ from their defaults."""
         every = {name: getattr(self, name) for name in FRICTION_ATTRIBUTES}
-        return {n: part for n, part in every.items() if (part != getattr(Friction, n)).any()}
+        return {
+            name: part for name, part in every.items() if np.any(part != getattr(Friction, name))
+        }
 
     @cached_property
     def loaded(self) -> bool:
@@ -320,8 +319,10 @@ class Friction:
     @cached_property
     def directions(self) -> np.ndarray:
         """The directions (k, nv) of the shafts: their speeds are ``directions`` v."""
-        nv = self.viscous.size
-        return np.array([part.direction(nv) for part in self.shafts]).reshape(-1, nv)
+        rows = np.zeros((len(self.shafts), self.viscous.size))
+        for row, shaft in zip(rows, self.shafts, strict=True):
+            row[list(shaft.joints)] = 1.0, shaft.sign
+        return rows
 
     def under(self, gravity: np.ndarray) -> Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""

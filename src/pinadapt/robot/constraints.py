@@ -134,16 +134,18 @@ class Loop:
         r, rd = pin.skew(a.translation - b.translation), pin.skew(v_a.linear - v_b.linear)
         rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
         A_b[:3] -= r @ A_b[3:]
-        axes, rows = np.kron(np.eye(2), a.rotation.T), list(self.rows)
-        turned = np.kron(np.eye(2), pin.skew(v_a.angular)) @ (A_b - A_a)
-        return (axes @ (A_b - A_a))[rows], (axes @ (rate_b - rate_a - turned))[rows]
+        A = A_b - A_a
+        A_rate = rate_b - rate_a - np.kron(np.eye(2), pin.skew(v_a.angular)) @ A
+        axes = np.kron(np.eye(2), a.rotation.T)
+        rows = list(self.rows)
+        return (axes @ A)[rows], (axes @ A_rate)[rows]
 
     def error(
         self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
     ) -> np.ndarray:
         """Return the way and the turn from a to b; NaN where they do not meet."""
         if not self.closed:
-            return np.full(len(self.rows), np.nan)
+            return np.full(self.size, np.nan)
         a, b = (data.oMf[frame] for frame in at)
         off = a.actInv(b)
         return np.concatenate([off.translation, pin.log3(off.rotation)])[list(self.rows)]
@@ -235,7 +237,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     """
     if not parts:
         return q
-    constraints, still = Constraints(model, parts), np.zeros(model.nv)
+    constraints = Constraints(model, parts)
+    still = np.zeros(model.nv)
     for _ in range(_ITERATIONS):
         A, _ = constraints.at(q, still)
         placed = zip(parts, constraints.places, strict=True)
@@ -271,9 +274,10 @@ def independent(
     R, order = qr(rest.T, mode="r", pivoting=True)
     least = DEPENDENT * np.linalg.norm(A, axis=1).max()
     taken = order[: len(R)][np.abs(np.diag(R)) > least]
-    kept, first = list[Constraint](), 0
+    kept = list[Constraint]()
+    first = 0
     for part in parts:
-        rows = [row for i, row in enumerate(range(part.size), first) if i in taken]
+        rows = [row for row in range(part.size) if first + row in taken]
         first += part.size
         if not isinstance(part, Loop):
             kept.append(part)
@@ -367,17 +371,17 @@ class Constraints:
 
         The frames are those of the last ``at``; the loops are the first of the constraints.
         """
-        rows, numbers, first = [np.zeros((0, size))], [], 0
+        rows, squeezes, first = [], [], 0
         for part, frames in zip(self.parts, self.places, strict=True):
             if isinstance(part, Loop) and part.squeeze is not None:
                 a, b = (self.data.oMf[frame] for frame in frames)
                 way = a.actInv(b).translation
-                at = [first + part.rows.index(i) for i in range(3)]
-                rows.append(np.zeros((1, size)))
-                rows[-1][0, at] = way / np.linalg.norm(way)
-                numbers.append(part.squeeze)
+                row = np.zeros(size)
+                row[[first + part.rows.index(i) for i in range(3)]] = way / np.linalg.norm(way)
+                rows.append(row)
+                squeezes.append(part.squeeze)
             first += part.size
-        return np.concatenate(rows), np.array(numbers)
+        return np.array(rows).reshape(len(rows), size), np.array(squeezes)
 
     def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Rows:
         """Return what A v_r (k) shall be, and its rate (k): zero where the robot stands.
@@ -392,7 +396,8 @@ class Constraints:
         """
         A, _ = self._last[1]
         rows, rate = np.zeros((2, len(A)))
-        x, own = self._x(), slice(len(A) - 3 * len(self._feet), None)
+        x = self._x()
+        own = slice(len(A) - 3 * len(self._feet), None)
         u = feet.xd_d - alpha * (x - feet.x_d)
         ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
         still = feet.stands[:, None]
@@ -401,8 +406,7 @@ class Constraints:
 
     def _x(self) -> np.ndarray:
         """Return where the contacts are (c, 3), of the last ``at``."""
-        places = [self.data.oMf[foot].translation for foot in self._feet]
-        return np.array(places).reshape(-1, 3)
+        return np.array([self.data.oMf[foot].translation for foot in self._feet]).reshape(-1, 3)
 
     def footing(
         self, before: np.ndarray, stands: np.ndarray | None, dt: float

@@ -66,7 +66,8 @@ class MountingPlane:
 
 def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> np.ndarray:
     """Return heights (N, .) [m] above the root of the third joint, those after it and the frame."""
-    data, rows = model.createData(), []
+    data = model.createData()
+    rows = []
     # places where Pinocchio writes: copies cost more than the kinematics
     places = [each.translation for each in [*list(data.oMi)[3:], data.oMf[frame]]]
     for q in configurations:
@@ -77,25 +78,25 @@ def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray])
 
 
 def conditioning(
-    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+    model: pin.Model, data: pin.Data, frames: Sequence[int], rows: slice, q: np.ndarray
 ) -> tuple[float, float]:
     """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
-    singular = np.linalg.svd(_jacobian(model, data, frame, rows, q), compute_uv=False)
+    singular = np.linalg.svd(_jacobian(model, data, frames, rows, q), compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
 
 
 def _jacobian(
-    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+    model: pin.Model, data: pin.Data, frames: Sequence[int], rows: slice, q: np.ndarray
 ) -> np.ndarray:
-    """Return rows of the Jacobian of a frame, or of several one after the other."""
-    frames, axes = np.atleast_1d(frame).tolist(), pin.LOCAL_WORLD_ALIGNED
-    found = [pin.computeFrameJacobian(model, data, q, each, axes)[rows] for each in frames]
+    """Return rows of the Jacobians of frames, one after the other."""
+    axes = pin.LOCAL_WORLD_ALIGNED
+    found = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for frame in frames]
     return np.concatenate(found)
 
 
 def find_home(
     model: pin.Model,
-    frame: int | Sequence[int],
+    frames: Sequence[int],
     rows: slice,
     candidates: Iterable[np.ndarray],
     plane: MountingPlane = MountingPlane(),
@@ -111,7 +112,7 @@ def find_home(
 
     Args:
         model: of the chain.
-        frame: index of the task frame, or those of several.
+        frames: indices of the task frames.
         rows: rows of each frame's Jacobian that belong to the task.
         candidates: (nq) poses that are preferred, in this order.
         plane: the mounting plane; of several frames it is that of the first.
@@ -119,7 +120,6 @@ def find_home(
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
-    ends = np.atleast_1d(frame).tolist()
     data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
     lower, upper = position_bounds(model)
     middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
@@ -127,25 +127,25 @@ def find_home(
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""
         at = [configuration_from_angles(model, angles) for angles in poses]
-        J = [_jacobian(model, data, frame, rows, q) for q in at]
+        J = [_jacobian(model, data, frames, rows, q) for q in at]
         found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
-        found *= (plane.distances(model, ends[0], at) >= room) * np.minimum(
+        found *= (plane.distances(model, frames[0], at) >= room) * np.minimum(
             1.0, _off_limits(limits, poses) / _FAR_OFF
         )
         return poses[np.argmax(found)]
 
     samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     sampled = [configuration_from_angles(model, angles) for angles in samples]
-    most = plane.distances(model, ends[0], sampled).max()
-    room = min(MARGIN * reach(model, ends[0]), most / 2) if most > 0.0 else -np.inf
+    most = plane.distances(model, frames[0], sampled).max()
+    room = min(MARGIN * reach(model, frames[0]), most / 2) if most > 0.0 else -np.inf
     best = best_of(samples)
     for size in (0.2, 0.1, 0.05):
         around = best + size * half * rng.standard_normal((50, model.nv))
         best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
     home = configuration_from_angles(model, np.round(best, 4))
-    singular, ratio = conditioning(model, data, frame, rows, home)
+    singular, ratio = conditioning(model, data, frames, rows, home)
     if ratio < 1e-6:
-        names = "', '".join(str(model.frames[end].name) for end in ends)
+        names = "', '".join(str(model.frames[frame].name) for frame in frames)
         raise RobotError(
             f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
             "is singular in every pose.",
@@ -156,8 +156,8 @@ def find_home(
     for q in candidates:
         if (
             _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
-            and plane.distances(model, ends[0], [q])[0] >= room
-            and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
+            and plane.distances(model, frames[0], [q])[0] >= room
+            and conditioning(model, data, frames, rows, q)[0] >= _NEARLY * singular
         ):
             return np.asarray(q)
     return home
@@ -177,6 +177,7 @@ def _off_limits(limits: Bounds, angles: np.ndarray) -> np.ndarray:
     It is infinite if no joint has limits.
     """
     limited = np.isfinite(limits[0])
-    (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
+    (low, high) = (limit[limited] for limit in limits)
+    at = angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
     return np.min(nearest, axis=-1, initial=np.inf)

@@ -148,7 +148,8 @@ def load(
             hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
         )
     found = describe(source, xacro=xacro, mass=mass)
-    free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
+    free = word(base, (FIXED, FREE), "base") == FREE
+    known = frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
     if others and task in (JOINT, COM):
@@ -163,10 +164,11 @@ def load(
             where="base",
             hint='base="free".',
         )
-    ends, moving = end_links(found.model, found.mimics), list[int]()
+    ends = end_links(found.model, found.mimics)
+    hangs = False
     if known is not None and found.closures:
         moving = chain_joints(found.model, frame_id(found.model, known))
-    hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
+        hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
     whole = free or bool(closed) or hangs or (known is None and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
@@ -189,13 +191,10 @@ def load(
         passive=idle if whole else (),
         others=tuple(map(str, others)),
     )
-    if whole or known or task == JOINT:
-        robot = make(frame if whole else known)
-    else:
-        robot = _first_able(make, ends, found.name)
+    one = frame if whole else known
+    robot = make(one) if whole or known else _first_able(make, ends, found.name)
     if gravity is not None:
-        given = vector(gravity, 3, "gravity", error=RobotError, fills=False)
-        robot.model.gravity.linear = given
+        robot.model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
@@ -215,12 +214,13 @@ def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) ->
             if error.where != "task":
                 raise
             refused.append(error)
-    nothing = RobotError(
+    if refused:
+        raise refused[0]
+    raise RobotError(
         "no link is moved by two independent joints or more.",
         where=name,
         hint='Name a frame, or choose task="joint".',
     )
-    raise [*refused, nothing][0]
 
 
 def _load_chain(
@@ -250,7 +250,8 @@ def _load_chain(
         passive: joints without motors.
         others: task frames beside the first.
     """
-    described, whole = found.model, free or bool(constraints) or frame is None
+    described = found.model
+    whole = free or bool(constraints) or frame is None
     joints = list(range(1, described.njoints))
     floating = [j for j in joints if is_free_flyer(described.joints[j])]
     locks = {changes.joint_id(described, name, "locked") for name in locked}
@@ -273,27 +274,29 @@ def _load_chain(
         reference[at : at + 7] = [0.0] * 6 + [1.0]  # the base's joints say where it is
     model = reduced(described, keep, reference)[0]
     if frame is None:
-        root = next(str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
-        frame = root if free else (*ends, str(model.frames[-1].name))[0]
+        links = (str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
+        frame = next(links) if free else (*ends, str(model.frames[-1].name))[0]
     model = with_base_joints(model) if free else model
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip, plane = frame_id(model, frame), MountingPlane()
+    tip = frame_id(model, frame)
+    plane = MountingPlane()
     if not (floating or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
-        follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
+        follow = (Coupling(name, *of) for name, of in found.mimics.items() if name in names)
         constraints = *follow, *constraints
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
-        chosen, home = _task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
+        chosen = _task_named(task or "pose", model)
+        home = np.concatenate([np.zeros(6), shown])
     else:
-        tips = [*several.values()]
-        chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
+        poses = [shown, pin.neutral(model)]
+        chosen, home = choose_task(model, [*several.values()], task, poses, plane)
     if isinstance(chosen, ComTask):
-        chosen = replace(chosen, model=model.copy(), frame=several[frame])
+        chosen = replace(chosen, model=model.copy(), frame=tip)
     if others and isinstance(chosen, FrameTask):
         chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
@@ -348,9 +351,7 @@ def _with_joint_effects(robot: Robot) -> Robot:
     own = {joint: every.get(joint, {}) for joint in names}
     armature = [own[n].get("armature", x) for n, x in zip(names, model.armature, strict=True)]
     special: Any = {
-        attribute: {
-            joint: stated[attribute] for joint, stated in own.items() if attribute in stated
-        }
+        attribute: {joint: own[joint][attribute] for joint in names if attribute in own[joint]}
         for attribute in FRICTION_ATTRIBUTES
     }
     friction = Friction(np.array(model.damping), np.array(model.friction), **special)
@@ -374,8 +375,10 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     found = []
     for index, frame in enumerate(model.frames):
         if frame.type in ENDS and (index not in parents or carried[index] >= 2):
-            joint, name = frame.parentJoint, str(frame.name)
-            chain, depth = chain_joints(model, index), len(model.supports[joint])
+            joint = frame.parentJoint
+            name = str(frame.name)
+            chain = chain_joints(model, index)
+            depth = len(model.supports[joint])
             moves = all(is_independent(model, each, mimics) for each in chain)
             behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
             palm = carried[index] >= 2 and behind < depth - 1
@@ -434,42 +437,37 @@ def choose_task(
     Raises:
         RobotError: too few joints, or a task Jacobian that is always singular.
     """
-    first, found = task or "xyz", []
+
+    def with_home(name: str) -> tuple[float, Task, np.ndarray]:
+        """Return conditioning, task and home pose (nq) for the name of a task."""
+        chosen = _task_named(name, model)
+        coordinates = len(frames) * chosen.size
+        if model.nv < coordinates:
+            names = "', '".join(str(model.frames[frame].name) for frame in frames)
+            raise RobotError(
+                f"task '{name}' has {coordinates} coordinates, but the chain to '{names}' has "
+                f"only {model.nv} joints.",
+                where="task",
+                hint="Choose a frame further from the base, or a task with fewer coordinates.",
+            )
+        if not isinstance(chosen, FrameTask):
+            return 0.0, chosen, home_inside_limits(model, poses)
+        home = find_home(model, frames, chosen.rows, poses, plane)
+        return conditioning(model, model.createData(), frames, chosen.rows, home)[1], chosen, home
+
+    found = []
     try:
-        return _with_home(model, frames, first, poses, plane)[1:]
+        return with_home(task or "xyz")[1:]
     except RobotError as error:
         refused = error
     for name in PLANES if task is None and len(frames) == 1 else ():
         try:
-            found.append(_with_home(model, frames, name, poses, plane))
+            found.append(with_home(name))
         except RobotError as error:
             refused = error
     if not found:
         raise refused
     return max(found, key=lambda each: each[0])[1:]
-
-
-def _with_home(
-    model: pin.Model,
-    frames: Sequence[int],
-    name: str,
-    poses: Sequence[np.ndarray],
-    plane: MountingPlane,
-) -> tuple[float, Task, np.ndarray]:
-    """Return conditioning, task and home pose (nq) for the name of a task."""
-    task, count = _task_named(name, model), len(frames)
-    if model.nv < count * task.size:
-        names = "', '".join(str(model.frames[frame].name) for frame in frames)
-        raise RobotError(
-            f"task '{name}' has {count * task.size} coordinates, but the chain to '{names}' has "
-            f"only {model.nv} joints.",
-            where="task",
-            hint="Choose a frame further from the base, or a task with fewer coordinates.",
-        )
-    if not isinstance(task, FrameTask):
-        return 0.0, task, home_inside_limits(model, poses)
-    home = find_home(model, frames, task.rows, poses, plane)
-    return conditioning(model, model.createData(), frames, task.rows, home)[1], task, home
 
 
 def _task_named(name: str, model: pin.Model) -> Task:

@@ -121,12 +121,14 @@ class Actuators:
         Raises:
             InputError: numbers for another number of joints.
         """
-        n = robot.model.nv
-        parts = [
-            joint_numbers(getattr(self, name), f"actuators.{name}", n, infinite=True)
-            for name in JointActuators._fields
-        ]
-        return JointActuators(*parts)
+        return JointActuators(
+            *(
+                joint_numbers(
+                    getattr(self, name), f"actuators.{name}", robot.model.nv, infinite=True
+                )
+                for name in JointActuators._fields
+            )
+        )
 
 
 class CommandsUnderway(NamedTuple):
@@ -145,11 +147,6 @@ class CommandsUnderway(NamedTuple):
     arrived: np.ndarray
     applied: np.ndarray
 
-    def still(self) -> CommandsUnderway:
-        """Return its time derivative where time stands still: zeros."""
-        coming = tuple((t, k, np.zeros(command.shape)) for t, k, command in self.coming)
-        return CommandsUnderway(self.t, coming, 0.0 * self.arrived, 0.0 * self.applied)
-
 
 class LateTorque:
     """What motors apply that follow their commands late: after a delay, through a low pass.
@@ -162,7 +159,8 @@ class LateTorque:
         """Take the delays and bandwidths of n joints."""
         self._delays = np.unique(joints.delay)
         self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
-        self._bandwidth, self._smooth = joints.bandwidth, bool(np.isfinite(joints.bandwidth).any())
+        self._bandwidth = joints.bandwidth
+        self._smooth = bool(np.isfinite(joints.bandwidth).any())
 
     def after(
         self,
@@ -182,9 +180,9 @@ class LateTorque:
         if before is None:
             before = CommandsUnderway(0.0, (), command, command)
         t, arrived, applied = before.t, before.arrived.copy(), before.applied
-        coming, least, pieces = list(before.coming), 1e-6 * dt, []  # rounding
-        coming += [(t + late, k, command) for k, late in enumerate(self._delays.tolist())]
-        coming.sort(key=lambda each: each[0])
+        least, pieces = 1e-6 * dt, []  # rounding
+        sent = [(t + delay, k, command) for k, delay in enumerate(self._delays.tolist())]
+        coming = sorted([*before.coming, *sent], key=lambda each: each[0])
         end = t + dt
         while t < end - least:
             while coming and coming[0][0] <= t + least:
@@ -221,9 +219,14 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     """
     if limits is None or limits is False:
         return None
-    n = robot.model.nv
-    given = effort_limits(robot.model) if limits is True else limits
-    bounds = joint_numbers(given, "limits.torque", n, zero=False, infinite=True, error=GainError)
+    bounds = joint_numbers(
+        effort_limits(robot.model) if limits is True else limits,
+        "limits.torque",
+        robot.model.nv,
+        zero=False,
+        infinite=True,
+        error=GainError,
+    )
     return bounds if np.isfinite(bounds).any() else None
 
 

@@ -26,7 +26,7 @@ from .._checks import (
     whole,
     word,
 )
-from .._output import Report, Table, write_text
+from .._output import Printed, Report, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
     chain_joints,
@@ -57,7 +57,7 @@ _UNITS = ("rad, rad/s, N m", "m, m/s, N")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot:
+class Robot(Printed):
     """An open chain of revolute, continuous and prismatic joints that carries a task frame.
 
     Immutable by convention: to change the model, take ``model.copy()``. ``print`` shows a table.
@@ -121,8 +121,8 @@ class Robot:
     @property
     def carriers(self) -> list[int]:
         """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
-        places = [frame_id(self.model, name) for name in self.frames]
-        return sorted({int(self.model.frames[place].parentJoint) - 1 for place in places})
+        frames = (self.model.frames[frame_id(self.model, name)] for name in self.frames)
+        return sorted({int(frame.parentJoint) - 1 for frame in frames})
 
     def check_single_frame(self) -> None:
         """Refuse a robot with several task frames.
@@ -171,8 +171,7 @@ class Robot:
     @property
     def slides(self) -> dict[str, bool]:
         """Joint name -> whether the joint is prismatic."""
-        joints = self.model.joints[1:]
-        return {name: is_slide(j) for name, j in zip(self.joint_names, joints, strict=True)}
+        return dict(zip(self.joint_names, map(is_slide, self.model.joints[1:]), strict=True))
 
     @property
     def home_angles(self) -> np.ndarray:
@@ -290,7 +289,8 @@ class Robot:
         Raises:
             RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
         """
-        model, loads = self.model.copy(), self.loads
+        model = self.model.copy()
+        loads = self.loads
         changes.scale_inertias(model, inertial_scale)
         for name, added in changes.by_frame(payload, self.frames, "payload").items():
             frame = model.frames[frame_id(model, name)]
@@ -298,12 +298,12 @@ class Robot:
                 load = frame.placement.act(added.spatial_inertia())
                 model.inertias[frame.parentJoint] += load
                 loads = *loads, (int(frame.parentJoint), load)
-        shifts = mapping(link_translation, "link_translation", RobotError)
-        for name, given in shifts.items():
-            index = changes.joint_id(model, name, "link_translation")
-            where = f"link_translation.{name}"
-            shift = vector(given, 3, where, error=RobotError, fills=False)
-            model.jointPlacements[index].translation += shift
+        where = "link_translation"
+        for name, given in mapping(link_translation, where, RobotError).items():
+            placement = model.jointPlacements[changes.joint_id(model, name, where)]
+            placement.translation += vector(
+                given, 3, f"{where}.{name}", error=RobotError, fills=False
+            )
         where = "tool_translation"
         for name, given in changes.by_frame(tool_translation, self.frames, where).items():
             placement = model.frames[frame_id(model, name)].placement
@@ -334,8 +334,9 @@ class Robot:
         tracker = changes.placement(rotation, translation, "tracker")
         model = self.model.copy()
         changes.move_base(model, tracker)
-        before = pin.SE3.Identity() if self.tracker is None else self.tracker
-        return replace(self, model=model, tracker=tracker * before, mounting=MountingPlane())
+        if self.tracker is not None:
+            tracker = tracker * self.tracker
+        return replace(self, model=model, tracker=tracker, mounting=MountingPlane())
 
     def filmed_by(self, *cameras: ArrayLike, pixel: float | None = None, count: int = 1) -> Robot:
         """Return this robot with the task "image": the picture of the frame in one or two cameras.
@@ -361,8 +362,8 @@ class Robot:
         given = [numbers(H, "cameras", error=RobotError) for H in cameras]
         if not given:
             plane = [*np.arange(3)[task.place], *range(3)][:2]
-            unknown = np.eye(4)[[*plane, 3]], np.eye(4)[[2, 1, 3]]
-            given = list(unknown[: whole(count, "count", 1, most=2)])
+            unknown = [np.eye(4)[[*plane, 3]], np.eye(4)[[2, 1, 3]]]
+            given = unknown[: whole(count, "count", 1, most=2)]
         if len(given) > 2 or any(H.shape != (3, 4) for H in given):
             raise RobotError("expected one or two matrices (3, 4).", where="cameras")
         if pixel is not None:
@@ -410,7 +411,7 @@ class Robot:
         Raises:
             RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
-        return urdf_text(self, shapes=flag(shapes, "shapes"))
+        return urdf_text(self, flag(shapes, "shapes"))
 
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
@@ -432,19 +433,32 @@ class Robot:
         Raises:
             RobotError: as ``urdf`` or ``mjcf``.
         """
-        mjcf = Path(path).suffix == ".xml"
-        write_text(Path(path), self.mjcf() if mjcf else self.urdf(shapes=shapes))
+        path = Path(path)
+        write_text(path, self.mjcf() if path.suffix == ".xml" else self.urdf(shapes=shapes))
 
     def undrawn(self) -> Robot:
         """Return this robot without its visual geometry, which controllers do not need."""
         return replace(self, drawn=None)
 
-    def __repr__(self) -> str:
-        """Return a table of the frame, task, mass, reach and the joints with their limits."""
-        return str(robot_sheet(self))
-
-    def _repr_html_(self) -> str:
-        return robot_sheet(self).html()
+    def sheet(self) -> Report:
+        """Return tables of the frame, task, mass and reach, and of the joints with their limits."""
+        words = [
+            ("frame", ", ".join(self.frames) + (", floating base fixed" if self.welded else "")),
+            ("task", self.task.name),
+            ("moving mass", f"{self.mass:.4g} kg"),
+            ("reach", f"{self.reach:.4g} m"),
+        ]
+        for label, names in (("other ends", self.ends), ("locked joints", self.locked)):
+            if names:
+                words.append((label, shorten(", ".join(names), 100, placeholder=" ...")))
+        model = self.model
+        limits = *position_limits(model), velocity_limits(model), effort_limits(model)
+        columns = zip(self.slides.items(), self.home_angles, *limits, strict=True)
+        rows = [
+            (name, *(f"{x:.4g}" if np.isfinite(x) else "-" for x in values), _UNITS[slide])
+            for (name, slide), *values in columns
+        ]
+        return Report(f"{self.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
 
     def friction_at(self, q: np.ndarray) -> Friction:
         """Return the friction at configuration q (nq), under the gravity torque there."""
@@ -499,27 +513,6 @@ class Visual:
         return type(self), (self.read, self.whole, self.keep, self.q_reference, self.before)
 
 
-def robot_sheet(robot: Robot) -> Report:
-    """Return the tables of a robot: its data, and its joints with home and limits."""
-    words = [
-        ("frame", ", ".join(robot.frames) + (", floating base fixed" if robot.welded else "")),
-        ("task", robot.task.name),
-        ("moving mass", f"{robot.mass:.4g} kg"),
-        ("reach", f"{robot.reach:.4g} m"),
-    ]
-    for label, names in (("other ends", robot.ends), ("locked joints", robot.locked)):
-        if names:
-            words.append((label, shorten(", ".join(names), 100, placeholder=" ...")))
-    model = robot.model
-    limits = *position_limits(model), velocity_limits(model), effort_limits(model)
-    columns = zip(robot.slides.items(), *limits, robot.home_angles, strict=True)
-    rows = [
-        (name, *(f"{x:.4g}" if np.isfinite(x) else "-" for x in (home, *row)), _UNITS[slide])
-        for (name, slide), *row, home in columns
-    ]
-    return Report(f"{robot.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
-
-
 # A load is picked up or put down, a tool is exchanged
 
 # that is expected of a robot, as a share of its mass; half or twice: docs/default_law.md
@@ -566,8 +559,8 @@ class Succession:
     @property
     def words(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and short description of each change."""
-        changes = zip(self.times, self.robots, self.robots[1:], strict=False)
-        return tuple((time, difference(before, after)) for time, before, after in changes)
+        words = map(difference, self.robots, self.robots[1:])
+        return tuple(zip(self.times, words, strict=True))
 
 
 def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:
@@ -600,10 +593,10 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
 def difference(before: Robot, after: Robot) -> str:
     """Return a short text of how two robots with the same chain differ, masses in kg."""
     mass = after.mass - before.mass
-    tools = [
-        [one.of_frame(name).placement(one.q0) for name in one.frames] for one in (before, after)
-    ]
     words = [] if abs(mass) < 1e-9 else [f"{mass:+.3g} kg"]
-    same = all(one.isApprox(other, 1e-9) for one, other in zip(*tools, strict=True))
-    words += [] if same else ["tool"]
+    for name in before.frames:
+        old, new = (one.of_frame(name).placement(one.q0) for one in (before, after))
+        if not old.isApprox(new, 1e-9):
+            words.append("tool")
+            break
     return ", ".join(words) or "other parameters"

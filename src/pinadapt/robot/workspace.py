@@ -83,13 +83,14 @@ def reachable_circles(robot: Robot) -> Stacked:
         RobotError: as ``reachable_circle``.
         InputError: there is one task frame.
     """
-    found, ends = find_circle(robot), map(robot.of_frame, robot.frames)
-    return Stacked([_from_home(end, found) for end in ends])
+    found = find_circle(robot)
+    return Stacked([_from_home(robot.of_frame(frame), found) for frame in robot.frames])
 
 
 def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
     """Return a circle that starts where the task frame is at home, with its orientation there."""
-    task, start = robot.frame_task, robot.position(robot.q0)
+    task = robot.frame_task
+    start = robot.position(robot.q0)
     circle = circle.shifted(start[: task.lengths] - circle.at(0.0).x_d)
     return circle if task.size == task.lengths else PoseCircle(circle, start[3:])
 
@@ -196,11 +197,11 @@ def find_swing(robot: Robot) -> Sinusoid:
 def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
     model, data = robot.model, robot.model.createData()
-    path = [swing.at(t) for t in np.linspace(0.0, swing.period.max(), 80).tolist()]
-    torques = [
-        pin.rnea(model, data, configuration_from_angles(model, at.x_d), at.xd_d, at.xdd_d)
-        for at in path
-    ]
+    torques = []
+    for t in np.linspace(0.0, swing.period.max(), 80).tolist():
+        at = swing.at(t)
+        q = configuration_from_angles(model, at.x_d)
+        torques.append(pin.rnea(model, data, q, at.xd_d, at.xdd_d))
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
     efforts = np.maximum(SHARE * effort_limits(model), 1.05 * held)
@@ -228,7 +229,8 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
-    constraints, still = tool.constrained, np.zeros(model.nv)
+    constraints = tool.constrained
+    still = np.zeros(model.nv)
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
         """Return the task Jacobian at a configuration (nq), all rows in [m/rad], and A."""
@@ -240,7 +242,8 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
     for position in at[1:]:
-        angles, J = angles_from_configuration(model, q), jacobian(tool, q)
+        angles = angles_from_configuration(model, q)
+        J = jacobian(tool, q)
         U, singular, V = np.linalg.svd(J, full_matrices=False)
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
