@@ -109,7 +109,6 @@ class MujocoPlant(SimulatedPlant):
             self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
         else:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
-        self._read()
 
     def _read(self) -> None:
         """Read q and v."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._checks import instance, positive
-from .._output import Report, whole_file, write_json
+from .._output import Printed, Report, whole_file, write_json
 from ..controller.learned import AlongExcited, LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rollout(Recording):
+class Rollout(Recording, Printed):
     """A closed loop over N samples; ``print`` shows a table.
 
     What was recorded, and the quantities that are computed from it, are those of ``Recording``.
@@ -65,16 +65,14 @@ class Rollout(Recording):
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
-        return str(self._report())
+        return str(self.sheet())
 
     def __repr__(self) -> str:
         """Return title and verdict."""
         return f"{self.title}: {self.verdict}"
 
-    def _repr_html_(self) -> str:
-        return self._report().html()
-
-    def _report(self) -> Report:
+    def sheet(self) -> Report:
+        """Return a table of the most important numbers, and the verdict."""
         return summary.sheet(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
