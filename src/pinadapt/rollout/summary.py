@@ -36,13 +36,27 @@ Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance"),
-    *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
+    "error",
+    "a_k_true",
+    "a_d_true",
+    "lyapunov_curve",
+    "disturbance",
+    "effort_limits",
+    "min_eig_M_hat",
+    "min_singular_J_hat",
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
 _NAMED = (
-    *("title", "robot", "law", "adaptation", "diverged", "reason", "interrupted"),
-    *("joint_names", "kinematic_names", "dynamic_names"),
+    "title",
+    "robot",
+    "law",
+    "adaptation",
+    "diverged",
+    "reason",
+    "interrupted",
+    "joint_names",
+    "kinematic_names",
+    "dynamic_names",
 )
 _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 

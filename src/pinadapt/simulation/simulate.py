@@ -241,8 +241,7 @@ def wiggled(
     )
     motion = Wiggle(robot)
     late = 0.0 if seen.camera is None else seen.camera.delay
-    loop = run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors)
-    samples = list(loop)
+    samples = list(run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors))
     plant.reset()
     measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
