@@ -109,7 +109,6 @@ class MujocoPlant(SimulatedPlant):
             self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
         else:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
-        self._read()
 
     def _read(self) -> None:
         """Read q and v."""
@@ -322,7 +321,14 @@ class MujocoFile:
         model.body_gravcomp[:] = 0.0
         joints = [int(model.joint(name).id) for name in names]
         number = int(model.site(site).id) if site else 0
-        found = MujocoChain(model, joints, number, self._base(model))
+        base = 0
+        if self.base is not None:
+            bodies = [str(model.body(i).name) for i in range(model.nbody)]
+            base = bodies.index(word(self.base, bodies, "base"))
+            if model.body_weldid[base]:
+                words = f"the body '{self.base}' moves; the base must be fixed."
+                raise InputError(words, where="base")
+        found = MujocoChain(model, joints, number, base)
         _check_alike(found, robot, names)
         return found
 
@@ -354,16 +360,6 @@ class MujocoFile:
                 equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
                 held = spec.add_equality(type=equality, objtype=kind, name1=name)
                 _stiffen(held.solref, held.solimp)
-
-    def _base(self, model: mujoco.MjModel) -> int:
-        """Return the id of the base; 0, the world, if there is none."""
-        if self.base is None:
-            return 0
-        names = [str(model.body(i).name) for i in range(model.nbody)]
-        base = names.index(word(self.base, names, "base"))
-        if model.body_weldid[base]:
-            raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
-        return base
 
 
 # Between file and description: largest angle of axes and frames, as its cosine, and largest

@@ -143,7 +143,7 @@ class PinocchioPlant(SimulatedPlant):
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""
         x, xd = self._motion(q, v)
-        return Measurement(t, q, v, x, None, xd, None, None)
+        return Measurement(t, q, v, x, None, xd)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv), with the rotor inertias of coupled shafts."""

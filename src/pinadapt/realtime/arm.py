@@ -185,9 +185,7 @@ class PlantArm(Arm):
             clock="simulated",
             compensation=getattr(plant, "compensation", None),
         )
-        self._sensors = (
-            None if sensors is None else SimulatedSensors(robot, period, sensors, seed=0)
-        )
+        self._sensors = None if sensors is None else SimulatedSensors(robot, period, sensors)
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
         self._count = -1  # the first measurement is of time zero

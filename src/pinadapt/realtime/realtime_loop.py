@@ -224,7 +224,7 @@ class RealtimeLoop:
             ArmError: the arm refuses to begin, its first measurements cannot be used, or another
                 loop drives it.
         """
-        collecting, result = gc.isenabled(), self.result
+        result = self.result
         with ExitStack() as back, threadpool_limits(1, "blas"):
             lock = vars(self._arm).setdefault("_driven", threading.Lock())
             if not lock.acquire(blocking=False):
@@ -234,6 +234,8 @@ class RealtimeLoop:
                     hint="Let that end first, and use one loop for one arm.",
                 )
             back.callback(lock.release)
+            if gc.isenabled():
+                back.callback(gc.enable)
             self._catch_signals(back)
             for note in back.enter_context(self._scheduling.applied()):
                 self._note(note)
@@ -246,8 +248,6 @@ class RealtimeLoop:
                 if not (begun and expected):
                     raise
             finally:
-                if collecting:
-                    gc.enable()
                 self._arm.stop(result.reason or "the loop has ended")
                 result.state = vars(self).get("_state")
                 result.notes += self._ringing()

@@ -78,8 +78,8 @@ class Phase(IntEnum):
     STARTING, RUNNING, HOLDING, DAMPING, STOPPED = range(5)
 
 
-def tick_of(controller: Controller) -> np.dtype[Any]:
-    """Return the record of a cycle: its numbers by name, NaN for a signal that was not measured."""
+def shapes_of(controller: Controller) -> dict[str, list[int]]:
+    """Return the shapes of a cycle's numbers by name; a signal that was not measured is NaN."""
     kinematics = controller.kinematics
     n, x, m = kinematics.nv, kinematics.task.coordinates, kinematics.task.size
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
@@ -87,16 +87,13 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
     sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
     sizes["feet"] = 10 * len(kinematics.robot.contacts)  # NaN: all stand
     one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
-    return np.dtype(
-        [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
-    )
+    return {name: [] for name in one} | {name: [size] for name, size in sizes.items()}
 
 
-def _definition(tick: np.dtype[Any]) -> str:
-    """Return a record's definition as a message."""
-    shapes = {name: list(tick[name].shape) for name in tick.names or ()}
-    lines = (f"float64{size or ''} {name}\n" for name, size in shapes.items() if size != [0])
-    return "".join(lines)
+def tick_of(about: Mapping[str, str]) -> np.dtype[Any]:
+    """Return the record of a cycle that the texts of a log describe."""
+    shapes = json.loads(about["record"])
+    return np.dtype([(name, float, tuple(shape)) for name, shape in shapes.items()])
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
@@ -142,7 +139,7 @@ class Recorder:
         Raises:
             InputError: the file cannot be written, or the port is in use.
         """
-        tick, kinematics = tick_of(controller), controller.kinematics
+        kinematics = controller.kinematics
         self.path, self.trouble = Path(path), ""
         if port is not None:
             whole(port, "port", 0, most=2**16 - 1)
@@ -161,22 +158,23 @@ class Recorder:
                 hint="Choose another file by --log, and another port, or 0 for any.",
             ) from error
         self.port: int | None = None if server is None else server.getsockname()[1]
-        context = get_context("spawn")
-        shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
-        self._ring, self._counts = _views(shared, tick)
-        self._count = 0
         about = {
             "version": __version__,
             "robot": kinematics.robot.name,
             "joints": json.dumps(kinematics.joint_names),
             "law": controller.law.name,
             "period": repr(controller.period),
-            "record": json.dumps({name: tick[name].shape for name in tick.names or ()}),
+            "record": json.dumps(shapes_of(controller)),
             "kinematic_names": json.dumps(list(kinematics.names)),
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        arguments = shared, tick, about, self.path, server, dict(translate or {})
+        context = get_context("spawn")
+        size = _ROWS * tick_of(about).itemsize
+        shared = context.RawArray("b", size), context.RawArray("Q", 2)
+        self._ring, self._counts = _views(shared, about)
+        self._count = 0
+        arguments = shared, about, self.path, server, dict(translate or {})
         self._process, self._link, ready = start_process(_serve, *arguments)
         self.pid = self._process.pid
         if server is not None:
@@ -234,9 +232,9 @@ class Recorder:
         self.close()
 
 
-def _views(shared: tuple[Any, Any], tick: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray]:
+def _views(shared: tuple[Any, Any], about: Mapping[str, str]) -> tuple[np.ndarray, np.ndarray]:
     """Return the ring of records, and how many were written and read."""
-    return np.frombuffer(shared[0], dtype=tick), np.frombuffer(shared[1], dtype=np.uint64)
+    return np.frombuffer(shared[0], tick_of(about)), np.frombuffer(shared[1], np.uint64)
 
 
 class _LogProcess:
@@ -246,13 +244,12 @@ class _LogProcess:
         self,
         link: Connection,
         shared: tuple[Any, Any],
-        tick: np.dtype[Any],
         about: dict[str, str],
         path: Path,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
-        self._ring, self._counts = _views(shared, tick)
+        self._ring, self._counts = _views(shared, about)
         self._link, self._server = link, server
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
@@ -266,7 +263,9 @@ class _LogProcess:
         self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._channels = {}
-        cycle = "pinadapt_msgs/msg/Cycle", _definition(self._ring.dtype)
+        shapes = json.loads(about["record"]).items()
+        lines = [f"float64{shape or ''} {name}\n" for name, shape in shapes if shape != [0]]
+        cycle = "pinadapt_msgs/msg/Cycle", "".join(lines)
         for topic, (kind, text) in {"/pinadapt/cycle": cycle, **_TOPICS}.items():
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, about)
@@ -494,11 +493,8 @@ class CycleLog:
                     about = channel.metadata
             file.seek(-len(_MAGIC), os.SEEK_END)
             whole = file.read() == _MAGIC
-            fields = [
-                (name, float, tuple(shape)) for name, shape in json.loads(about["record"]).items()
-            ]
             data = b"".join(found["/pinadapt/cycle"])
-            cycles = np.frombuffer(data, np.dtype(fields)).view(np.recarray)
+            cycles = np.frombuffer(data, tick_of(about)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
         return cls(about, cycles, events, whole)
 

@@ -227,9 +227,8 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
     Only frequencies above those of its feedback count.
     """
     motion, names = controller.motion, controller.kinematics.robot.joint_names
-    if motion is None:
-        return ringing(t, tau, names)
-    return ringing(t, tau, names, motion.bandwidth / (2.0 * np.pi))
+    slowest = () if motion is None else (motion.bandwidth / (2.0 * np.pi),)
+    return ringing(t, tau, names, *slowest)
 
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._checks import instance, positive
-from .._output import Report
+from .._output import Printed, Report, whole_file, write_json
 from ..controller.learned import AlongExcited, LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
@@ -36,13 +36,14 @@ from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA
 from . import summary
 from .recording import Recording
+from .summary import COMPUTED, RECORDED
 
 if TYPE_CHECKING:
     from ..view.page import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rollout(Recording):
+class Rollout(Recording, Printed):
     """A closed loop over N samples; ``print`` shows a table.
 
     What was recorded, and the quantities that are computed from it, are those of ``Recording``.
@@ -64,21 +65,28 @@ class Rollout(Recording):
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
-        return str(self._report())
+        return str(self.sheet())
 
     def __repr__(self) -> str:
         """Return title and verdict."""
         return f"{self.title}: {self.verdict}"
 
-    def _repr_html_(self) -> str:
-        return self._report().html()
-
-    def _report(self) -> Report:
+    def sheet(self) -> Report:
+        """Return a table of the most important numbers, and the verdict."""
         return summary.sheet(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
-        """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
-        summary.save(self, self.summary, Path(folder))
+        """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing.
+
+        Each is written atomically. The recorded arrays are saved first, then again with those that
+        are computed from them: this takes a while, and an interruption must not lose the run.
+        """
+        for names in (RECORDED, RECORDED + COMPUTED):
+            arrays = {name: getattr(self, name) for name in names}
+            kept = {name: array for name, array in arrays.items() if array is not None}
+            with whole_file(Path(folder) / "rollout.npz") as file:
+                np.savez_compressed(file, **kept)
+        write_json(Path(folder) / "summary.json", self.numbers)
 
     @classmethod
     def load(cls, folder: Path | str) -> Rollout:

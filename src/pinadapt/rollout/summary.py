@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._output import Report, Table, as_json, percent, read_as_data, short, whole_file, write_json
+from .._output import Report, Table, as_json, percent, read_as_data, short
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -36,13 +36,27 @@ Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance"),
-    *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
+    "error",
+    "a_k_true",
+    "a_d_true",
+    "lyapunov_curve",
+    "disturbance",
+    "effort_limits",
+    "min_eig_M_hat",
+    "min_singular_J_hat",
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
 _NAMED = (
-    *("title", "robot", "law", "adaptation", "diverged", "reason", "interrupted"),
-    *("joint_names", "kinematic_names", "dynamic_names"),
+    "title",
+    "robot",
+    "law",
+    "adaptation",
+    "diverged",
+    "reason",
+    "interrupted",
+    "joint_names",
+    "kinematic_names",
+    "dynamic_names",
 )
 _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 
@@ -163,24 +177,6 @@ def _prediction_rows(numbers: Numbers) -> list[tuple[str, str]]:
         rows.append((label, line))
         label = ""
     return rows
-
-
-def save(run: Recording, numbers: Callable[[], Numbers], folder: Path) -> None:
-    """Write ``rollout.npz`` and ``summary.json`` into a folder, which is created if missing.
-
-    Each is written atomically. The recorded arrays are saved first, then again with those that are
-    computed from them: this takes a while, and an interruption must not lose the run.
-
-    Args:
-        run: the run.
-        numbers: returns what ``summary`` makes.
-        folder: for the files.
-    """
-    for names in (RECORDED, RECORDED + COMPUTED):
-        arrays = {name: getattr(run, name) for name in names}
-        with whole_file(folder / "rollout.npz") as file:
-            np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
-    write_json(folder / "summary.json", numbers())
 
 
 def load(folder: Path) -> dict[str, Any]:

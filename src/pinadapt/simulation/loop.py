@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import count
 from time import perf_counter
 from typing import Any
@@ -26,10 +25,9 @@ from ..exceptions import (
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
-from ..records import Desired, Measurement
+from ..records import Measurement
 from ..robot.robot import EARLY, Robot, in_time
 from ..trajectories.given import TrajectoryLike
-from ..trajectories.trajectory import Trajectory
 from .prepare import usable_trajectory
 
 ANNOUNCED = ("payload", "tool_translation")
@@ -269,97 +267,60 @@ def run_continuous(
     if state.start is not None:  # samples are what it waits for
         path = None if controller.limits.governor is None else PathTime()
         state = state._replace(start=None, path=path)
-    events = events or Events()
-    loop = _Loop(plant, controller, trajectory, ideal_acceleration, events, q, state)
-    y = np.concatenate([np.zeros(2 * plant.nv), loop.state.flat()])  # at home, at rest
-    for k in count() if duration is None else sample_indices(duration, dt, ends=True):
-        t = k * dt
-        try:
-            k1 = loop.slope(y, t)
-            if not np.isfinite(k1).all():
-                raise DivergedError("the torque or the estimates are no longer finite.")
-            controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
-            seen = loop.measurement
-            yield Sample(t, seen, loop.desired, loop.state, loop.torque, seen)
-            k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
-            k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
-            k4 = loop.slope(y + dt * k3, t + dt)
-        except (PinadaptError, np.linalg.LinAlgError) as error:
-            raise ended(error, t) from error
-        y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), t, (k + 1) * dt)
+    events, n = events or Events(), plant.nv
 
+    def slope(
+        y: np.ndarray, t: float, before: ControllerState
+    ) -> tuple[np.ndarray, Sample, ControllerState]:
+        """Return dy/dt for y = (displacement from q, v, controller state), and the sample there.
 
-@dataclass
-class _Loop:
-    """The right-hand side dy/dt for y = (displacement from q, v, controller state).
-
-    Attributes:
-        plant, controller, trajectory, ideal, events: as of ``run_continuous``.
-        q: (nq) from which the displacement counts.
-        state, measurement, desired, torque: as the last evaluation had them.
-        cause: of the path's rate at the evaluation before.
-    """
-
-    plant: PinocchioPlant
-    controller: Controller
-    trajectory: Trajectory
-    ideal: bool
-    events: Events
-    q: np.ndarray
-    state: ControllerState
-    cause: str = ""
-    measurement: Measurement = field(init=False)
-    desired: Desired = field(init=False)
-    torque: np.ndarray = field(init=False)
-
-    def rebased(self, y: np.ndarray, before: float, now: float) -> np.ndarray:
-        """Move q by the displacement in y and return y without it, after the events of a step.
-
-        Exact because one-joint groups commute. The estimate becomes the one that the adaptation
-        keeps there: a projection is a jump, not a slope. The step was from ``before`` to ``now``
-        [s].
-
-        Raises:
-            DivergedError: the joints move too fast.
-        """
-        n = self.plant.nv
-        v = y[n : 2 * n]
-        if not v.dot(v) < ABSURD**2:  # also true for NaN
-            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", now)
-        self.q = self.plant.integrate(self.q, y[:n])
-        state = self.state.with_flat(y[2 * n :])
-        kept = self.controller.adaptation_d.project(state.dynamic, self.q)
-        if kept is not state.a_d:
-            state = state._replace(dynamic=state.dynamic.with_value(kept))
-        self.state = self.events.happen(self.plant, self.controller, state, before, now)
-        return np.concatenate([np.zeros(n), v, self.state.flat()])
-
-    def slope(self, y: np.ndarray, t: float) -> np.ndarray:
-        """Return dy/dt at time t [s].
+        The state after it has the cause of the path's rate; its numbers are those of the next y.
 
         Raises:
             InputError: the desired motion is not finite.
         """
-        plant, controller, n = self.plant, self.controller, self.plant.nv
-        q, v = plant.integrate(self.q, y[:n]), y[n : 2 * n]
-        self.state = state = self.state.with_flat(y[2 * n :])
-        if state.path is not None:
-            self.state = state._replace(path=state.path._replace(cause=self.cause))
-        self.measurement = plant.measurement(q, v, t)
-        self.desired = controller.desired(self.state, self.trajectory, t)
-        if not np.isfinite(np.concatenate(self.desired)).all():
-            raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
-        signals, command = controller.command(self.state, self.measurement, self.desired)
-        needed = self.ideal and controller.law.uses_acceleration
+        place, v = plant.integrate(q, y[:n]), y[n : 2 * n]
+        state, seen = before.with_flat(y[2 * n :]), plant.measurement(place, v, t)
+        desired = controller.desired(state, trajectory, t)
+        if not np.isfinite(np.concatenate(desired)).all():
+            raise InputError(f"the motion is not finite: {desired}.", where="desired")
+        signals, command = controller.command(state, seen, desired)
+        needed = ideal_acceleration and controller.law.uses_acceleration
         if needed:
-            a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-            tau, drives = controller.respond(self.state, signals.replaced(a=a))
+            a = plant.acceleration_at(place, v, command.torque, command.feedthrough)
+            tau, drives = controller.respond(state, signals.replaced(a=a))
         else:
             tau, drives = controller.sent(signals, command)
-        self.torque = plant.motors_at(q, tau)
+        torque = plant.motors_at(place, tau)
         if not needed:
-            a = plant.acceleration_at(q, v, self.torque)
-        rate = controller.rate(self.state, signals, drives, self.torque)
-        if rate.path is not None:
-            self.cause = rate.path.cause
-        return np.concatenate([v, a, rate.flat()])
+            a = plant.acceleration_at(place, v, torque)
+        rate = controller.rate(state, signals, drives, torque)
+        sample = Sample(t, seen, desired, state, torque, seen)
+        return np.concatenate([v, a, rate.flat()]), sample, state._replace(path=rate.path)
+
+    v = np.zeros(n)
+    for k in count() if duration is None else sample_indices(duration, dt, ends=True):
+        t, after = k * dt, (k + 1) * dt
+        y = np.concatenate([np.zeros(n), v, state.flat()])
+        try:
+            k1, sample, state = slope(y, t, state)
+            if not np.isfinite(k1).all():
+                raise DivergedError("the torque or the estimates are no longer finite.")
+            controller.watch(sample.torque, sample.state.a_d, sample.state.a_k)
+            yield sample
+            k2, _, state = slope(y + (0.5 * dt) * k1, t + 0.5 * dt, state)
+            k3, _, state = slope(y + (0.5 * dt) * k2, t + 0.5 * dt, state)
+            k4, _, state = slope(y + dt * k3, t + dt, state)
+        except (PinadaptError, np.linalg.LinAlgError) as error:
+            raise ended(error, t) from error
+        y = y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+        v = y[n : 2 * n]
+        if not v.dot(v) < ABSURD**2:  # also true for NaN
+            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", after)
+        q = plant.integrate(q, y[:n])  # exact, as one-joint groups commute
+        state = state.with_flat(y[2 * n :])
+        # the estimate that the adaptation keeps there: a projection is a jump, not a slope
+        kept = controller.adaptation_d.project(state.dynamic, q)
+        if kept is not state.a_d:
+            state = state._replace(dynamic=state.dynamic.with_value(kept))
+        state = events.happen(plant, controller, state, t, after)

@@ -62,8 +62,8 @@ def findings(
     controller: Controller,
     dt: float,
     sensors: Sensors,
-    motors: np.ndarray | None = None,
-    actuators: Actuators | None = None,
+    motors: np.ndarray | None,
+    actuators: Actuators | None,
 ) -> list[str]:
     """Return the findings on period, camera, encoders and motors before a run.
 
@@ -77,10 +77,10 @@ def findings(
     """
     quality = sensors.quality(true.model.nv, dt)
     found = [*preflight(controller, dt, actuators), *sensor_findings(controller, quality)]
-    held = None
+    words = [str(each) for each in found]
     if motors is not None and controller.compensation is None:
-        held = overloaded(true, motors)
-    return [*map(str, found), *([] if held is None else [held])]
+        words += filter(None, [overloaded(true, motors)])
+    return words
 
 
 def usable_trajectory(
@@ -100,7 +100,10 @@ def usable_trajectory(
     """
     kinematics, law = getattr(controller, "kinematics", None), getattr(controller, "law", None)
     trajectory = as_trajectory(given, None if kinematics is None else kinematics.task)
-    if law is None or not law.set_point or _comes_to_rest(trajectory, duration):
+    if law is None or not law.set_point or trajectory.settles is not None:
+        return trajectory
+    last = trajectory.at(60.0 if duration is None else duration)  # [s]
+    if max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6:
         return trajectory
     raise InputError(
         f"the law '{law.name}' is for a set point, and the desired motion does not come to rest.",
@@ -108,11 +111,3 @@ def usable_trajectory(
         hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
         f"rest), or the law '{DEFAULT}', which follows motions.",
     )
-
-
-def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
-    """Return whether a motion rests in the end: at the end of a duration [s], or of a minute."""
-    if motion.settles is not None:
-        return True
-    last = motion.at(60.0 if duration is None else duration)
-    return max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6

@@ -167,7 +167,7 @@ def simulate(
         "dt": dt,
         "duration": duration,
         "state": state,
-        "events": events if events.changes or events.announcements else None,
+        "events": events,
         "ideal_acceleration": engine.ideal_acceleration,
     }
     if isinstance(plant, PinocchioPlant) and engine.continuous:
@@ -241,8 +241,7 @@ def wiggled(
     )
     motion = Wiggle(robot)
     late = 0.0 if seen.camera is None else seen.camera.delay
-    loop = run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors)
-    samples = list(loop)
+    samples = list(run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors))
     plant.reset()
     measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
@@ -334,7 +333,7 @@ def rollout_of(
 
     t, tau = np.array([sample.t for sample in samples]), column(lambda s: s.torque, n)
     lags = [path.lag for sample in samples if (path := sample.state.path) is not None]
-    words = {time: what for time, what in robots.words}
+    words = dict(robots.words)
     for time in announced:
         words[time] = f"{words[time]}, announced" if time in words else "announced"
     stated = [each for each in (plant.torque_limits, controller.limits.torque) if each is not None]

@@ -63,16 +63,16 @@ class Server(ThreadingHTTPServer):
         self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
         self._thread.start()
 
-    def wait_until_read(self, timeout: float) -> None:
-        """Wait up to ``timeout`` [s] for a browser to read all messages."""
-        end = perf_counter() + timeout
+    def wait_until_read(self) -> None:
+        """Wait a while for a browser to read all messages."""
+        end = perf_counter() + _PATIENCE
         while self.read < self.messages.count and perf_counter() < end:
             sleep(0.02)
 
     def close(self) -> None:
         """Let a browser read the remaining messages, stop, and free the port."""
         if self.read:
-            self.wait_until_read(_PATIENCE)
+            self.wait_until_read()
         self.shutdown()
         self._thread.join()
         self.server_close()
@@ -158,7 +158,7 @@ class LiveView:
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
-            self._server.wait_until_read(_PATIENCE)
+            self._server.wait_until_read()
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -178,8 +178,7 @@ class LiveView:
             return
         self._traced += [*self._scene.show([sample])]
         first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
-        piece = np.array(self._traced[first:])
-        self._scene.add_traces(f"true/{first}", piece)
+        self._scene.add_traces(f"true/{first}", np.array(self._traced[first:]))
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

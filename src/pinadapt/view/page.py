@@ -6,6 +6,7 @@ import gzip
 import json
 from base64 import b64encode
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -77,6 +78,7 @@ def _viewer() -> str:
 _MOST = 2000  # frames and points of a path; half: of runs from 30 s on, twice: from 130 s on
 
 
+@dataclass
 class Animation:
     """A page that shows a rollout in real time and repeats it; Jupyter displays it.
 
@@ -86,9 +88,7 @@ class Animation:
         html: the page.
     """
 
-    def __init__(self, html: str) -> None:
-        """Take the page."""
-        self.html = html
+    html: str
 
     def save(self, path: Path | str) -> Path:
         """Write the page to a file and return its path; a missing folder is made."""

@@ -93,29 +93,25 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
     Args:
         true: the robot; x_d are coordinates of its task.
         x_d: (L, .) desired coordinates.
-        tips: (L, k, 3) or (k, 3) actual positions of the tools [m] in the same axes, for
+        tips: (L, k, 3) or (1, k, 3) actual positions of the tools [m] in the same axes, for
             coordinates outside of the task.
     """
-    task, tips = true.task, np.broadcast_to(tips, (len(x_d), *tips.shape[-2:]))
-    if not isinstance(task, FramesTask):
-        return _desired_tip(true, x_d, tips[:, 0])[:, None]
-    parts = np.swapaxes([[*task.parts(x)] for x in x_d], 0, 1)
-    own = zip(task.frames, parts, np.swapaxes(tips, 0, 1), strict=True)
-    return np.stack([_desired_tip(true.of_frame(frame), *each) for frame, *each in own], axis=1)
-
-
-def _desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
-    """Return the desired positions of one tool (L, 3) [m]; see ``desired_tips``."""
-    task, tracker = true.task, true.tracker
-    path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
+    task, tracker = true.task, true.tracker or pin.SE3.Identity()
+    if isinstance(task, FramesTask):
+        parts = np.swapaxes([[*task.parts(x)] for x in x_d], 0, 1)
+        own = enumerate(zip(task.frames, parts, strict=True))
+        each = [desired_tips(true.of_frame(name), x, tips[:, [k]]) for k, (name, x) in own]
+        return np.concatenate(each, axis=1)
+    path = np.array(np.broadcast_to(tips[:, 0], (len(x_d), 3)))
     if isinstance(task, ImageTask):
-        return np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
-    if not isinstance(task, FrameTask):
-        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tips[:, 0]
-    tracker = pin.SE3.Identity() if tracker is None else tracker
-    path = path @ tracker.rotation.T + tracker.translation
-    path[:, task.place] = x_d[:, : task.positions]
-    return np.asarray((path - tracker.translation) @ tracker.rotation)
+        path = np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
+    elif isinstance(task, FrameTask):
+        path = path @ tracker.rotation.T + tracker.translation
+        path[:, task.place] = x_d[:, : task.positions]
+        path = (path - tracker.translation) @ tracker.rotation
+    else:
+        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tips
+    return path[:, None]
 
 
 def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
@@ -272,7 +268,13 @@ class Scene:
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
-        self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
+        floor = min(0.0, motion_of(true, true.q0[None]).points[:, 2].min())
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
+        self.root["/Grid"].set_transform(place)
+        self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
+        self.root["/Axes"].set_property("visible", False)
+        for end in ("top_color", "bottom_color"):
+            self.root["/Background"].set_property(end, [0.93, 0.94, 0.96])
 
     @property
     def legend(self) -> dict[str, Colour]:
@@ -337,13 +339,3 @@ class Scene:
         """Draw a path (L, 3) [m]; fewer than two points are not drawn."""
         if len(points) > 1:
             self.root["paths"][name].set_object(tube(points, radius * self.size), material)
-
-    def _surroundings(self, floor: float) -> None:
-        """Draw a floor at this height [m], and the background."""
-        self.root["/Grid"].set_transform(
-            pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
-        )
-        self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
-        self.root["/Axes"].set_property("visible", False)
-        for end in ("top_color", "bottom_color"):
-            self.root["/Background"].set_property(end, [0.93, 0.94, 0.96])
