@@ -35,7 +35,7 @@ from .command_line import (
 from .run import RUN_FILES
 
 
-def arguments(parser: ArgumentParser) -> None:
+def identify_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     group = _add_shared(parser, "identified")
     group.add_argument(
@@ -262,10 +262,9 @@ def calibrate(options: Namespace) -> int:
     Nothing is written before the calibration is complete.
     """
     folder = _place(options, "calibrated", calibration.FILES)
-    robot = _robot(options)
     found = calibration.calibrate(
         options.log,
-        robot,
+        _robot(options),
         intake=_import_options(options),
         **given(options, ("unknown", "tracker")),
     )

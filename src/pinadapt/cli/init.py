@@ -23,7 +23,7 @@ _CHOICES = {
 _FOOT = re.compile(r"foot|sole|toe|ankle|contact")  # in names of ends of legs
 
 
-def arguments(parser: ArgumentParser) -> None:
+def init_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",

@@ -16,7 +16,7 @@ from .command_line import Exit, add_arguments_of, add_out, add_processes, names,
 TABLE = "zoo.json"
 
 
-def arguments(parser: ArgumentParser) -> None:
+def zoo_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "--robots",

@@ -68,26 +68,25 @@ def arguments(make: Make) -> tuple[str, ...]:
     return tuple(name for name in named if name != "self")
 
 
-def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
-    """Return what each table is made of: a class or function, and those of its arguments."""
-    changes = arguments(Robot.changed)
-    own = ("robot", "unknown", "sensors", "limits")
-    controller = tuple(name for name in arguments(make_controller) if name not in own)
-    whole = {"unknown": Unknown, "sensors": Sensors, "limits": Limits, "engine": Engine}
-    return {
-        "robot": (load, arguments(load)),
-        "truth": (Robot.changed, (*changes, "tracker", "camera")),
-        "model": (Robot.changed, (*changes, "learned")),
-        "controller": (make_controller, (*controller, *NAMES, *RATES)),
-        "start": (dict, ("a_k", "a_d")),
-        "events": (dict, ("changes", "announcements")),
-        "simulation": (dict, ("duration", "seed", "record_every")),
-        "moteus": (dict, ("motors", "interface", "channel", "timeout")),
-        **{name: (make, arguments(make)) for name, make in whole.items()},
-    }
+_CHANGES = arguments(Robot.changed)
+_OWN = ("robot", "unknown", "sensors", "limits")  # arguments that are tables of their own
+_CONTROLLER = [name for name in arguments(make_controller) if name not in _OWN]
 
-
-KEYS = _keys()
+# What each table is made of: a class or function, and those of its arguments.
+KEYS: dict[str, tuple[Make, tuple[str, ...]]] = {
+    "robot": (load, arguments(load)),
+    "truth": (Robot.changed, (*_CHANGES, "tracker", "camera")),
+    "model": (Robot.changed, (*_CHANGES, "learned")),
+    "controller": (make_controller, (*_CONTROLLER, *NAMES, *RATES)),
+    "start": (dict, ("a_k", "a_d")),
+    "events": (dict, ("changes", "announcements")),
+    "simulation": (dict, ("duration", "seed", "record_every")),
+    "moteus": (dict, ("motors", "interface", "channel", "timeout")),
+    "unknown": (Unknown, arguments(Unknown)),
+    "sensors": (Sensors, arguments(Sensors)),
+    "limits": (Limits, arguments(Limits)),
+    "engine": (Engine, arguments(Engine)),
+}
 TABLES = ("title", *KEYS, "trajectory")
 
 
@@ -297,13 +296,11 @@ def toml_value(text: str) -> Any:
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
-    found = deepcopy(tables)
+    found: Tables = {}
     for path in _PATHS:
-        *way, last = path.split(".")
-        table: Any = found
-        for key in way:
-            table = table.get(key) if isinstance(table, Mapping) else None
-        name = table.get(last) if isinstance(table, Mapping) else None
+        name: Any = tables
+        for key in path.split("."):
+            name = name.get(key) if isinstance(name, Mapping) else None
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            table[last] = str(folder / name)
-    return found
+            found[path] = str(folder / name)
+    return with_values(tables, found)

@@ -330,9 +330,8 @@ def _comment(text: str) -> list[str]:
 def _written(value: Any) -> str:
     """Return a value in TOML, tables inline."""
     if isinstance(value, Mapping):
-        names = [tomlkit.key(name).as_string() for name in value]
-        pairs = zip(names, map(_written, value.values()), strict=True)
-        return f"{{ {', '.join(f'{name} = {each}' for name, each in pairs)} }}"
+        pairs = (f"{tomlkit.key(key).as_string()} = {_written(value[key])}" for key in value)
+        return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return tomlkit.item(value).as_string()

@@ -147,11 +147,10 @@ def numbers_of(rollout: Rollout) -> Row:
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
     numbers, limits = rollout.numbers, rollout.effort_limits
-    used = np.abs(rollout.tau) / limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
-        "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
+        "torque_use": extreme(np.max, (np.abs(rollout.tau) / limits)[:, np.isfinite(limits)]),
     }
     if rollout.diverged is not None:
         found |= {"status": DIVERGED, "reason": f"at {rollout.diverged:.3f} s: {rollout.reason}"}
@@ -173,8 +172,7 @@ def _within(seconds: float | None) -> Iterator[None]:
         """End the case."""
         raise _TimeUp
 
-    main = threading.current_thread() is threading.main_thread()
-    if seconds is None or not main:
+    if seconds is None or threading.current_thread() is not threading.main_thread():
         yield
         return
     before = signal.signal(signal.SIGALRM, stop)
@@ -188,23 +186,21 @@ def _within(seconds: float | None) -> Iterator[None]:
 
 def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
     """Return the row of a case, whatever happens in it."""
-    started, found = time.perf_counter(), Row()
-    status, reason = DONE, None
+    started = time.perf_counter()
+    found: Row = {"status": DONE, "reason": None}
     try:
         with warnings.catch_warnings(), _within(timeout):
             warnings.simplefilter("ignore")  # the row says how the case ended
-            found = dict(work(case))
-        status, reason = found.pop("status", DONE), found.pop("reason", None)
+            found |= work(case)
     except InputError as error:
-        status, reason = REFUSED, str(error)
+        found |= {"status": REFUSED, "reason": str(error)}
     except _TimeUp:
-        status, reason = TIMEOUT, f"took longer than {timeout:g} s"
+        found |= {"status": TIMEOUT, "reason": f"took longer than {timeout:g} s"}
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
-        status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    ended = {"status": status, "reason": reason, **found, "seconds": time.perf_counter() - started}
-    return {"case": case.number, "seed": case.seed, **case.values, **ended}
+        found |= {"status": FAILED, "reason": f"{type(error).__name__}: {error} ({place})"}
+    return case.row({**found, "seconds": time.perf_counter() - started})
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
@@ -269,8 +265,8 @@ def _as_ended(
             if error is None or isinstance(error, InputError):  # no process can be started
                 yield future.result()
                 continue
-            ended = {"status": CRASHED, "reason": f"its process ended: {error!r}", "seconds": None}
-            yield {"case": case.number, "seed": case.seed, **case.values, **ended}
+            reason = f"its process ended: {error!r}"
+            yield case.row({"status": CRASHED, "reason": reason, "seconds": None})
     finally:
         for future in futures:
             future.cancel()
@@ -421,7 +417,7 @@ def run_plan(
 
     work, done = work_of(plan), set[int]()
     if folder is not None:
-        done = set(join(folder, AGAIN if retry else ())["case"].tolist())
+        done.update(join(folder, AGAIN if retry else ())["case"].tolist())
     missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
         rows(work, missing, executor, plan.timeout),

@@ -181,8 +181,9 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
     found, before = best.errors[both], default.errors[both]
-    changed = bool((found != before).any())
-    p = float(wilcoxon(found, before, alternative="less").pvalue) if changed else 1.0
+    p = 1.0
+    if (found != before).any():
+        p = float(wilcoxon(found, before, alternative="less").pvalue)
     lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
     words = (
         f"on other seeds the objective is {_amount(best.objective)} with the gains found and "
