@@ -37,8 +37,8 @@ class Exit(IntEnum):
 
 
 # Each command is a module of this folder, or shares one, see ``_SHARED``. There,
-# ``COMMAND_arguments(parser)`` adds the arguments, and the function of the command's name runs it and
-# returns the exit status.
+# ``COMMAND_arguments(parser)`` adds the arguments, and the function of the command's name runs it
+# and returns the exit status.
 _COMMANDS = {
     "demo": "run two showcase scenarios and write reports and animations",
     "init": "write a scenario for a URDF, xacro or MJCF file or a named robot",
@@ -269,7 +269,7 @@ def new_file(options: Namespace, name: str) -> Path:
 
 def names(text: str) -> list[str]:
     """Return the names in a comma-separated list, without repetitions."""
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    return list(dict.fromkeys(filter(None, map(str.strip, text.split(",")))))
 
 
 def one_word(found: list[str] | None) -> str | list[str] | None:

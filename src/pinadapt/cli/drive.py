@@ -132,8 +132,13 @@ def drive(options: Namespace) -> int:
         "arm": options.kind,
         "stage": options.stage.value,
     }
-    translate = {"reference": partial(_new_motion, scenario.estimated)}
-    recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
+    recorder = Recorder(
+        path,
+        controller,
+        about=about,
+        port=options.port,
+        translate={"reference": partial(_new_motion, scenario.estimated)},
+    )
     with recorder, _connect(options, scenario, load) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
         loop = RealtimeLoop(

@@ -162,11 +162,10 @@ class Scenario:
             InputError: robot, controller, motion, engine and initial estimates do not match.
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        of_run = KEYS["simulation"][1]
         try:
             with (
                 in_table("simulation"),
-                located("engine", KEYS["engine"][1], (*TABLES, *of_run, "changes")),
+                located("engine", KEYS["engine"][1], (*TABLES, *KEYS["simulation"][1], "changes")),
             ):
                 return simulate(
                     self.true,

@@ -64,8 +64,8 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class, function or method has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    named = [each.name for each in signature(make).parameters.values() if each.kind not in several]
-    return tuple(name for name in named if name != "self")
+    named = signature(make).parameters.items()
+    return tuple(name for name, each in named if name != "self" and each.kind not in several)
 
 
 _CHANGES = arguments(Robot.changed)
@@ -135,8 +135,8 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
     Raises:
         InputError: a key is not allowed, or a value is refused by its class.
     """
-    hints, table = _hints(make), checked(table, path, names or arguments(make))
-    return {key: _value(hints.get(key), value, f"{path}.{key}") for key, value in table.items()}
+    given = checked(table, path, names or arguments(make)).items()
+    return {key: _value(_hints(make).get(key), value, f"{path}.{key}") for key, value in given}
 
 
 def _value(hint: Any, value: Any, path: str) -> Any:
@@ -196,8 +196,10 @@ def parts(tables: Tables) -> Tables:
         InputError: a key is not allowed, or a value is refused by its class.
     """
     checked(tables, "", TABLES)
-    title = instance(tables.get("title", ""), str, "title", ScenarioError)
-    found: Tables = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
+    found: Tables = {
+        "title": instance(tables.get("title", ""), str, "title", ScenarioError),
+        "trajectory": motion(tables.get("trajectory", {})),
+    }
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
@@ -212,10 +214,9 @@ def parts(tables: Tables) -> Tables:
     for key, allowed in _WORDS.items():
         if key in found["controller"]:
             word(found["controller"][key], allowed, f"controller.{key}")
-    changes = ("at", *KEYS["truth"][1])
     for table, key, make, allowed in (
         ("truth", "camera", pinhole_camera, arguments(pinhole_camera)),
-        ("events", "changes", Robot.changed, changes),
+        ("events", "changes", Robot.changed, ("at", *KEYS["truth"][1])),
         ("events", "announcements", Robot.changed, ("at", "payload", "tool_translation")),
     ):
         listed = instance(found[table].get(key, []), list, f"{table}.{key}", ScenarioError)

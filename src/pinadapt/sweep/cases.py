@@ -151,8 +151,8 @@ class Values:
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
         if self.names:
-            value = np.broadcast_to(value, len(self.names)).tolist()
-            return dict(zip(self.names, value, strict=True))
+            numbers = np.broadcast_to(value, len(self.names))
+            return dict(zip(self.names, numbers.tolist(), strict=True))
         return value
 
 

@@ -193,8 +193,8 @@ class SweepReport:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        order = np.argsort(-self.values(self.main), kind="stable").tolist()
-        return [i for i in order if not self.table.lost[i]][: PRINTED_ROWS // 2]
+        order = np.argsort(-self.values(self.main), kind="stable")
+        return order[~self.table.lost[order]][: PRINTED_ROWS // 2].tolist()
 
     @property
     def lost(self) -> list[int]:
@@ -211,8 +211,8 @@ class SweepReport:
         tables, chosen = [], self.lost
         if self.results:
             rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
-            levels = (f"{p:.0%} (95% interval)" for p in PERCENTILES)
-            tables.append(Table(rows, ["result", *levels, ""], "Results"))
+            header = ["result", *(f"{p:.0%} (95% interval)" for p in PERCENTILES), ""]
+            tables.append(Table(rows, header, "Results"))
             tables.append(self._listed("Worst cases", self.worst, [self.main]))
             chosen = chosen or self.worst
         if self.lost:

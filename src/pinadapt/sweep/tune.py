@@ -14,7 +14,7 @@ from .._output import Record, Report, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
-from .execution import rows, work_of
+from .execution import rows
 from .sweep_report import Rate, percentile, rate, succeeded
 from .table import CaseTable, Row
 
@@ -107,7 +107,7 @@ def tune(
     def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
-        table = CaseTable(rows(work_of(plan), changed, executor, plan.timeout))
+        table = CaseTable(rows(plan, changed, executor))
         found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
         errors = np.where(table.lost | np.isnan(found), np.inf, found)
         value = percentile(errors, share).value
