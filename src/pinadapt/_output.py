@@ -164,6 +164,9 @@ def cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+_ALIGNED = {"l": "left", "r": "right"}
+
+
 class Table(NamedTuple):
     """A table of texts; with a header, columns between the first and the last are right-aligned.
 
@@ -202,13 +205,12 @@ class Table(NamedTuple):
 
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
-        aligned = [{"l": "left", "r": "right"}[side] for side in self.sides]
 
         def row(kind: str, cells: Sequence[str]) -> str:
             """Return one row."""
             drawn = (
-                f'<{kind} style="text-align:{side}">{escape(cell)}</{kind}>'
-                for cell, side in zip(cells, aligned, strict=True)
+                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell)}</{kind}>'
+                for cell, side in zip(cells, self.sides, strict=True)
             )
             return f"<tr>{''.join(drawn)}</tr>"
 

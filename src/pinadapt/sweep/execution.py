@@ -297,7 +297,7 @@ def rows(
             yield from _as_ended(executor, task, cases)
             return
         others = set(active_children())
-        threads = ThreadPoolExecutor(executor or len(os.sched_getaffinity(0)))  # cores for us
+        threads = ThreadPoolExecutor(executor or len(os.sched_getaffinity(0)))  # its cores
         try:
             own = partial(_in_own_process, threading.local(), task)
             yield from _as_ended(threads, own, cases)

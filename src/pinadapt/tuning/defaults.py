@@ -121,7 +121,7 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray,
 
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
     """Return S (b, 4, 4), P = S S^T the pseudo-inertias of b bodies or physical ones close by."""
-    mass = pin.computeTotalMass(robot.model) / robot.model.nv
+    mass = robot.mass / robot.model.nv
     tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [
         pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=1e-3))

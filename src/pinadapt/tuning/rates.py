@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive
@@ -174,13 +173,12 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     if not dynamics.per_body:
         return None
     shares = np.ones(len(dynamics.bodies))
-    matrices = unit.cone.matrices(unit.init(dynamics.initial).value)
     for index in np.flatnonzero(np.isin(dynamics.bodies, robot.carriers)):
-        P = matrices[index]
+        P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
         mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
         square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
         thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
-        shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
+        shares[index] = max(1.0, thick, 1.0 + load * robot.mass / mass)
     return shares if shares.max() > 1.0 else None
 
 
@@ -191,7 +189,7 @@ def _cone(
     cone: MatrixInequality
     if dynamics.per_body:
         names = [robot.joint_names[body] for body in dynamics.bodies]
-        mass = pin.computeTotalMass(robot.model) / robot.model.nv
+        mass = robot.mass / robot.model.nv
         cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * robot.reach)
     elif lmi is None:
         raise ParameterError(
