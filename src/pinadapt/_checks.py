@@ -53,9 +53,8 @@ def instance(
     """
     if not isinstance(value, kind):
         kinds = kind.__args__ if isinstance(kind, UnionType) else (kind,)
-        wanted = " or ".join(each.__name__ for each in kinds)
+        wanted = " or ".join(each.__name__ for each in kinds).replace("NoneType", "None")
         article = "an" if wanted[0] in "AEIOU" else "a"
-        wanted = wanted.replace("NoneType", "None")
         raise error(f"expected {article} {wanted}, got {shown(value)}.", where=name)
     return value
 
@@ -148,20 +147,19 @@ def whole(
     value: Any,
     name: str,
     least: int,
-    error: type[InputError] = InputError,
     most: int = 2**63 - 1,
 ) -> int:
     """Return a whole number within the stated limits.
 
     Raises:
-        error: another kind of value, too small, or too large for a counter of 64 bits.
+        InputError: another kind of value, too small, or too large for a counter of 64 bits.
     """
     if not isinstance(value, Integral) or isinstance(value, bool):
-        raise error(f"expected a whole number, got {shown(value)}.", where=name)
+        raise InputError(f"expected a whole number, got {shown(value)}.", where=name)
     number = int(value)
     if not least <= number <= most:
         edge = f"at least {least}" if number < least else f"at most {most}"
-        raise error(f"must be {edge}, got {shown(value)}.", where=name)
+        raise InputError(f"must be {edge}, got {shown(value)}.", where=name)
     return number
 
 

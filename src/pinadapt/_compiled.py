@@ -88,23 +88,18 @@ def _entry_point(
     )
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
+    options = {"error_model": "numpy", "boundscheck": True, **counting}
     try:
-        dispatcher = njit(typed, cache=True, error_model="numpy", boundscheck=True, **counting)(
-            function
-        )
+        dispatcher = njit(typed, cache=True, **options)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
         _empty_cache(function)
-        dispatcher = njit(typed, error_model="numpy", boundscheck=True, **counting)(function)
-    if not dispatcher.stats.cache_hits and sys.stderr.isatty() and not any(map(_missed, kernels)):
+        dispatcher = njit(typed, **options)(function)
+    found = [kernel.stats.cache_hits for kernel in kernels.values()]  # on disk
+    if not dispatcher.stats.cache_hits and sys.stderr.isatty() and all(found):
         print(_NOTE, file=sys.stderr)
     kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
     (only,) = dispatcher.overloads.values()
     return cast(Callable[..., Any], only.entry_point)
-
-
-def _missed(name: str) -> bool:
-    """Return whether a kernel was compiled because it was not on disk."""
-    return not kernels[name].stats.cache_hits
 
 
 def _empty_cache(function: Callable[..., Any]) -> None:

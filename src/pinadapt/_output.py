@@ -164,6 +164,9 @@ def cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+_ALIGNED = {"l": "left", "r": "right"}
+
+
 class Table(NamedTuple):
     """A table of texts; with a header, columns between the first and the last are right-aligned.
 
@@ -202,13 +205,12 @@ class Table(NamedTuple):
 
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
-        aligned = [{"l": "left", "r": "right"}[side] for side in self.sides]
 
         def row(kind: str, cells: Sequence[str]) -> str:
             """Return one row."""
             drawn = (
-                f'<{kind} style="text-align:{side}">{escape(cell)}</{kind}>'
-                for cell, side in zip(cells, aligned, strict=True)
+                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell)}</{kind}>'
+                for cell, side in zip(cells, self.sides, strict=True)
             )
             return f"<tr>{''.join(drawn)}</tr>"
 
@@ -221,15 +223,15 @@ def records_table(
     records: Sequence[Record],
     texts: Mapping[str, str],
     numbers: Mapping[str, tuple[str, float, int]],
-    last: str,
 ) -> Table:
-    """Return a table with a row for each record; numbers that no record has are left out.
+    """Return a table with a row for each record, its verdict last.
+
+    Numbers that no record has are left out.
 
     Args:
         records: its rows.
         texts: title -> key of the first columns.
         numbers: title -> key, scale and digits of the columns after them.
-        last: key and title of the last column.
     """
     there = {
         title: (key, scale, digits)
@@ -240,11 +242,11 @@ def records_table(
         [
             *(str(record.get(key, "-")) for key in texts.values()),
             *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
-            str(record.get(last, "")),
+            str(record.get("verdict", "")),
         ]
         for record in records
     ]
-    return Table(rows, [*texts, *there, last])
+    return Table(rows, [*texts, *there, "verdict"])
 
 
 class Report(NamedTuple):
@@ -312,13 +314,13 @@ def html_page(title: str, parts: Sequence[str]) -> str:
     )
 
 
-def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:
-    """Return ``value * scale`` with its unit, or a dash for None; "< 0.001" if it is less."""
+def number(value: float | None, *, scale: float, digits: int) -> str:
+    """Return ``value * scale``, or a dash for None; "< 0.001" if it is less."""
     if value is None:
         return "-"
     least = 0.1**digits
     small = 0.0 < value * scale < least
-    return f"{'< ' * small}{least if small else value * scale:.{digits}f} {unit}".rstrip()
+    return f"{'< ' * small}{least if small else value * scale:.{digits}f}"
 
 
 def short(value: float, digits: int = 3) -> str:

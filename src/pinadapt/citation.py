@@ -54,8 +54,8 @@ def parse_bibtex(text: str) -> dict[str, str]:
     An entry starts a line with ``@kind{key,`` and ends at the last brace before the next one. As in
     BibTeX, all text between entries is a comment.
     """
-    entries: dict[str, str] = {}
-    for part in re.split(r"^(?=[ \t]*@\w+\s*\{)", text, flags=re.MULTILINE):
-        for key in re.findall(r"^\s*@\w+\s*\{\s*([^\s,{}]+)\s*,", part):
-            entries[key] = part[: part.rfind("}") + 1].strip() + "\n"
-    return entries
+    return {
+        key: part[: part.rfind("}") + 1].strip() + "\n"
+        for part in re.split(r"^(?=[ \t]*@\w+\s*\{)", text, flags=re.MULTILINE)
+        for key in re.findall(r"^\s*@\w+\s*\{\s*([^\s,{}]+)\s*,", part)
+    }

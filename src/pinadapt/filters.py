@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy import empty
@@ -74,9 +74,7 @@ class LowPass:
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
-        rate: np.ndarray = u - state
-        rate *= self.bandwidth
-        return rate
+        return np.asarray(self.bandwidth * (u - state))
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
@@ -310,6 +308,9 @@ class PositionObserver(Filters):
         return ObserverState(moved, s_f, grown, R)
 
 
+Free: TypeAlias = tuple[np.ndarray, np.ndarray] | tuple[()]
+
+
 class TorqueFilterState(NamedTuple):
     """State of the filters; the last column belongs to the known part of the torque.
 
@@ -331,7 +332,7 @@ class TorqueFilterState(NamedTuple):
     tau: np.ndarray
     shares: np.ndarray
     underway: CommandsUnderway | tuple[()] = ()
-    free: tuple[np.ndarray, np.ndarray] | tuple[()] = ()
+    free: Free = ()
 
     def projected(self, tau: np.ndarray) -> np.ndarray:
         """Return P tau (n), or tau where there are no constraints."""
@@ -418,19 +419,19 @@ class FilteredRegressor:
 
     def _inputs(
         self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray] | tuple[()]]:
+    ) -> tuple[np.ndarray, np.ndarray, Free]:
         """Return lambda Y_M and lambda Y_M - Y_0 (n, p + 1), projected, and the projection.
 
         The known parts are the last column.
         """
-        (Y_M, Y_0, p_0, tau_0), bandwidth = self.dynamics.momentum(q, v), self.low_pass.bandwidth
+        Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
         M = np.concatenate([Y_M, p_0[:, None]], axis=1)
         F = np.concatenate([Y_0, tau_0[:, None]], axis=1)
-        free: tuple[np.ndarray, np.ndarray] | tuple[()] = ()
+        free: Free = ()
         if self.constraints is not None:
             M, F, P = self.constraints.project_momentum(M, F, q, v, stands)
             free = P, self.constraints.holding(stands)
-        fast = bandwidth * M
+        fast = self.low_pass.bandwidth * M
         return fast, fast - F, free
 
     def observe(
@@ -465,13 +466,13 @@ class FilteredRegressor:
             state = self.init(q, v, stands)._replace(underway=state.underway)
         Z_before, y, before, held, (share_u, share_tau), underway, _ = state
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
-        W, bandwidth = fast - Z, self.low_pass.bandwidth
+        W = fast - Z
         if tau is not None:
             y, held = y + share_tau * state.projected(tau - held), tau
         if free:
             y = y + share_u * (free[0].dot(held) - state.projected(held))
         now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway, free)
-        return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
+        return FilteredTorque(W[:, :-1], y - W[:, -1], now, self.low_pass.bandwidth)
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""

@@ -129,8 +129,8 @@ class DesiredSteps(Desired):
 
     def at_rate(self, rate: float, acceleration: float) -> Desired:
         """Return both motions at another time law, see ``Desired``."""
-        stands, x_d, xd_d, xdd_d = self.feet
-        feet = Feet(stands, *Desired(x_d, xd_d, xdd_d).at_rate(rate, acceleration))
+        stands, *moved = self.feet
+        feet = Feet(stands, *Desired(*moved).at_rate(rate, acceleration))
         return DesiredSteps.of(super().at_rate(rate, acceleration), feet)
 
 
@@ -187,8 +187,8 @@ class Imu:
     def __post_init__(self) -> None:
         """Refuse numbers that no sensor has."""
         for name in ("tilt", "noise", "rate_noise"):
-            number = positive(getattr(self, name), f"imu.{name}", zero=True)
-            object.__setattr__(self, name, number)
+            given = getattr(self, name)
+            object.__setattr__(self, name, positive(given, f"imu.{name}", zero=True))
 
 
 Deviation: TypeAlias = float | tuple[float, ...]
@@ -283,13 +283,13 @@ class Sensors:
         camera = self.camera
         rate = 1.0 / dt if camera is None or camera.rate is None else min(camera.rate, 1.0 / dt)
         age = 0.0 if camera is None else camera.delay + 1.0 / rate
-        v = math.hypot(self.deviation("v"), differenced)
         tau = 0.0
         if self.torque_offset is not None:
             offset = vector(self.torque_offset, nv, "sensors.torque_offset")
             tau = float(
                 np.hypot(offset, vector(self.noise.get("tau", 0.0), nv, "sensors.noise.tau")).max()
             )
+        v = math.hypot(self.deviation("v"), differenced)
         return SensorQuality(v, self.deviation("x"), rate, age, tau)
 
     def deviation(self, channel: str) -> float:

@@ -44,7 +44,6 @@ class JointMotion:
     torque still + drag ds/dt + curve (ds/dt)^2.
 
     Attributes:
-        s: (N) [s].
         q: (N, nq) configurations.
         v: (N, n) dq/ds [rad/s or m/s].
         a: (N, n) d^2q/ds^2 [rad/s^2 or m/s^2].
@@ -54,7 +53,6 @@ class JointMotion:
         off: (N) how far the robot is from the motion, in units of what is allowed.
     """
 
-    s: np.ndarray
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
@@ -126,7 +124,8 @@ def joint_motion(
     model, data, n = robot.model, robot.model.createData(), robot.model.nv
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask | FramesTask):
-        h, targets = float(s[1] - s[0]), [each.x_d for each in asked]
+        h = float(s[1] - s[0])
+        targets = [each.x_d for each in asked]
         poses, off = _followed(robot, robot.task, targets, h, robot.q0 if q is None else q)
         angles = np.array([angles_from_configuration(model, pose) for pose in poses])
         v = np.gradient(np.unwrap(angles, axis=0), h, axis=0, edge_order=2)
@@ -143,7 +142,7 @@ def joint_motion(
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
     still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
-    return JointMotion(s, poses, v, a, still, friction.viscous * v, torque - g, off)
+    return JointMotion(poses, v, a, still, friction.viscous * v, torque - g, off)
 
 
 def _followed(
@@ -157,8 +156,7 @@ def _followed(
     model, data, reach = robot.model, robot.model.createData(), robot.reach
     arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
     posture = Posture(robot)
-    redundant = model.nv > task.size
-    share = 1.0 - math.exp(-posture.frequency * h) if redundant else 0.0
+    share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
 
     def stepped(
         q: np.ndarray, target: np.ndarray, following: np.ndarray, share: float
@@ -236,20 +234,19 @@ def within_limits(
     """
     instance(robot, Robot, "robot")
     given = as_trajectory(motion, robot.task).from_rest()
-    for value, name in ((share, "share"), (horizon, "horizon")):
-        positive(value, name, error=InputError)
+    positive(share, "share", error=InputError)
+    positive(horizon, "horizon", error=InputError)
     positive(margin, "margin", zero=True, error=InputError)
-    n, names = robot.model.nv, robot.joint_names
-    most = torque_limits(robot, efforts)
+    n, most = robot.model.nv, torque_limits(robot, efforts)
     most = np.full(n, np.inf) if most is None else most
-    accelerations = np.full(n, np.inf)
+    accelerations: float | np.ndarray = np.inf
     if acceleration is not None:
         accelerations = joint_numbers(acceleration, "acceleration", n, zero=False)
     span = horizon if given.settles is None else min(max(given.settles, _STEP), horizon)
     s = np.linspace(0.0, span, math.ceil(span / _STEP) + 2)
     joints = joint_motion(given, robot, s)
     if (lost := joints.off > 1.0).any():
-        first, last = joints.s[lost][[0, -1]]
+        first, last = s[lost][[0, -1]]
         where = given.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
         warnings.warn(
             f"the motion leaves the workspace from {first:.3g} s on, at {where} m, last at "
@@ -260,7 +257,8 @@ def within_limits(
     needed = joints.slowness(speeds, usable, accelerations)
     kind = max(needed, key=lambda each: float(needed[each].max()))
     slowness = max(1.0, float(needed[kind].max()))
-    return Retimed(given, SlowedTime(slowness, f"{kind} of {names[int(np.argmax(needed[kind]))]}"))
+    joint = robot.joint_names[int(np.argmax(needed[kind]))]
+    return Retimed(given, SlowedTime(slowness, f"{kind} of {joint}"))
 
 
 class Approach(Derived):

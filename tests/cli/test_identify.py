@@ -39,7 +39,7 @@ def copy(tmp_path):
 def options_of(*arguments):
     """Return the intake of arguments of the command line."""
     parser = argparse.ArgumentParser()
-    command.arguments(parser)
+    command.identify_arguments(parser)
     found = command._import_options(parser.parse_args([*arguments, "--robot", "panda"]))
     return ImportOptions.of(ImportOptions.beside(arguments[0])) if found is None else found
 

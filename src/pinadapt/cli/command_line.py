@@ -12,6 +12,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -35,9 +36,9 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-# Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
-# function of the same name runs the command and returns the exit status. A command that shares a
-# module with another one, see ``_SHARED``, has ``COMMAND_arguments``.
+# Each command is a module of this folder, or shares one, see ``_SHARED``. There,
+# ``COMMAND_arguments(parser)`` adds the arguments, and the function of the command's name runs it
+# and returns the exit status.
 _COMMANDS = {
     "demo": "run two showcase scenarios and write reports and animations",
     "init": "write a scenario for a URDF, xacro or MJCF file or a named robot",
@@ -83,12 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown, warnings.showwarning = warnings.showwarning, _once(set())
+    shown, warnings.showwarning = warnings.showwarning, partial(_show_once, set())
     try:
         with stopped_by_signals():
             options = _options(arguments)
-            status: int = getattr(_module(options.command), options.command)(options)
-            return status
+            return int(getattr(_module(options.command), options.command)(options))
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
         return Exit.INTERRUPTED
@@ -112,8 +112,7 @@ def _options(arguments: Sequence[str]) -> Namespace:
     for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text)
         if name in arguments[:1]:
-            add = f"{name}_arguments" if name in _SHARED else "arguments"
-            getattr(_module(name), add)(command)
+            getattr(_module(name), f"{name}_arguments")(command)
     return parser.parse_args(arguments)
 
 
@@ -136,16 +135,11 @@ def robots(options: Namespace) -> int:
     return Exit.DONE
 
 
-def _once(texts: set[str]) -> Callable[..., None]:
-    """Return what shows each warning once, wherever in the code it comes from."""
-
-    def show(message: Any, *where: Any, **more: Any) -> None:
-        """Print a warning whose text is not among the texts yet."""
-        if (text := str(message)) not in texts:
-            texts.add(text)
-            print(f"pinadapt: warning: {text}", file=sys.stderr)
-
-    return show
+def _show_once(texts: set[str], message: Any, *where: Any, **more: Any) -> None:
+    """Print a warning whose text is not among the texts yet, wherever in the code it comes from."""
+    if (text := str(message)) not in texts:
+        texts.add(text)
+        print(f"pinadapt: warning: {text}", file=sys.stderr)
 
 
 def status_of(*rollouts: Rollout) -> int:
@@ -253,8 +247,7 @@ def add_arguments_of(
 
 def given(options: Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Return the values of those of some options that are given."""
-    values = {name: getattr(options, name) for name in names}
-    return {name: value for name, value in values.items() if value is not None}
+    return {name: value for name in names if (value := getattr(options, name)) is not None}
 
 
 def new_file(options: Namespace, name: str) -> Path:
@@ -276,7 +269,7 @@ def new_file(options: Namespace, name: str) -> Path:
 
 def names(text: str) -> list[str]:
     """Return the names in a comma-separated list, without repetitions."""
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    return list(dict.fromkeys(filter(None, map(str.strip, text.split(",")))))
 
 
 def one_word(found: list[str] | None) -> str | list[str] | None:

@@ -28,7 +28,7 @@ TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
 
 
-def arguments(parser: ArgumentParser) -> None:
+def compare_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name and -compare")
@@ -55,8 +55,8 @@ def compare(options: Namespace) -> int:
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
     with one_run(folder, _FILES, partly=False) as beside:
-        pairs = [(scenario, None) for scenario in scenarios]
-        rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
+        alone = ((scenario, None) for scenario in scenarios)
+        rollouts = _run_all(alone, [beside / law for law in laws], html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
@@ -97,11 +97,10 @@ def demo_arguments(parser: ArgumentParser) -> None:
 def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
     out = out_folder(options, "demo")
-    pairs = []
+    paths = [robots_folder() / file for file in SHOWCASE.values()]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
-        for path in (robots_folder() / file for file in SHOWCASE.values()):
-            pairs.append((Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])))
+        pairs = [(Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])) for path in paths]
     rollouts = _run_all(pairs, [out / name for name in SHOWCASE], html=True)
     print(f"\nplots and animations: {out}/*/error.png, parameters.png, torque.png, animation.html")
     return status_of(*rollouts)

@@ -6,7 +6,7 @@ import json
 import runpy
 import time
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario, described_robot, trajectory_of
 from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
+from ..sweep.table import plain
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import Exit, add_arguments_of, add_settings, given
@@ -50,7 +51,7 @@ FRANKA = {
 }
 
 
-def arguments(parser: ArgumentParser) -> None:
+def drive_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``drive``."""
     parser.add_argument(
         "kind",
@@ -115,7 +116,7 @@ def drive(options: Namespace) -> int:
         ArmError: the arm refuses.
     """
     numbers = dict(setting(text, "--safety") for text in options.safety)
-    safety: Safety = made(Safety, numbers, "safety")
+    safety = made(Safety, numbers, "safety")
     for name in given(options, ("load", *_COLLISION)):
         if options.kind != "franka":
             raise InputError("is set on a Franka only.", where=f"--{name}")
@@ -131,8 +132,13 @@ def drive(options: Namespace) -> int:
         "arm": options.kind,
         "stage": options.stage.value,
     }
-    translate = {"reference": partial(_new_motion, scenario.estimated)}
-    recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
+    recorder = Recorder(
+        path,
+        controller,
+        about=about,
+        port=options.port,
+        translate={"reference": partial(_new_motion, scenario.estimated)},
+    )
     with recorder, _connect(options, scenario, load) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
         loop = RealtimeLoop(
@@ -182,9 +188,7 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
         raise ScenarioError(
             "is also given by --load; give only one of them.", where="controller.payload"
         )
-    seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
-    com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
-    known = {"mass": seen.mass, "com": com, "inertia": inertia}
+    known = plain(asdict(at_task_frame(load, described_robot(at_folder(tables, folder)))))
     own = {"controller.payload": known, "controller.compensated": {"payload": known}}
     return with_values(tables, own), folder, load
 
@@ -197,9 +201,9 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     """
     kind, address = options.kind, options.address
     if kind == "simulated":
-        make = partial(scenario.engine.make, scenario.true.undrawn(), scenario.controller)
-        dt = scenario.engine.period(scenario.controller)
-        return ProcessArm(make, dt, sensors=scenario.sensors)
+        engine, controller = scenario.engine, scenario.controller
+        make = partial(engine.make, scenario.true.undrawn(), controller)
+        return ProcessArm(make, engine.period(controller), sensors=scenario.sensors)
     if kind == "moteus":
         from ..realtime.moteus_arm import MoteusArm, Motor
 
@@ -212,8 +216,7 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
         table |= {} if address is None else {"channel": address}
         listed = [made(Motor, each, f"moteus.motors.{k}") for k, each in enumerate(motors)]
         with located("moteus", table, ("robot",)):
-            period = scenario.controller.period
-            return MoteusArm(scenario.estimated, listed, period=period, **table)
+            return MoteusArm(scenario.estimated, listed, period=scenario.controller.period, **table)
     if kind == "franka":
         if address is None:
             raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
@@ -247,12 +250,11 @@ def _json(text: str, where: str) -> Any:
 
 def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:
     """Return the motion of a [trajectory] table, beginning where the arm is."""
-    here = measurement
-    if here.x is None:
-        here = here._replace(x=robot.position(here.q))
+    if measurement.x is None:
+        measurement = measurement._replace(x=robot.position(measurement.q))
     if robot.contacts:  # it stands elsewhere than at home
-        robot = replace(robot, q0=here.q)
-    return starting_from(trajectory_of(dict(table or {}), robot), robot, here)
+        robot = replace(robot, q0=measurement.q)
+    return starting_from(trajectory_of(dict(table or {}), robot), robot, measurement)
 
 
 # --- replay -------------------------------------------------------------------------------------
@@ -278,10 +280,8 @@ def replay(options: Namespace) -> int:
             "contains no scenario; replay it in Python: CycleLog.read(path).replay(controller).",
             where=str(options.log),
         )
-    raw = json.loads(log.about["scenario"])
-    folder = Path(log.about["folder"])
-    tables = with_values(raw, dict(map(setting, options.set)))
-    scenario = Scenario.build(tables, folder)
+    tables = with_values(json.loads(log.about["scenario"]), dict(map(setting, options.set)))
+    scenario = Scenario.build(tables, Path(log.about["folder"]))
     found = log.replay(scenario.controller)
     if not found.torque.size:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
@@ -291,8 +291,8 @@ def replay(options: Namespace) -> int:
         (name, f"{rms:.4g}", f"{most:.4g}")
         for name, rms, most in zip(names, found.difference, largest, strict=True)
     ]
-    header = ("[N m, N]", "difference, rms", "largest")
-    print(Report(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
+    table = Table(rows, ("[N m, N]", "difference, rms", "largest"))
+    print(Report(f"{len(log)} cycles of {options.log}", [table]))
     if found.same:
         print("\nthe same torques, bit for bit")
     elif not options.set:

@@ -32,7 +32,7 @@ _SEARCH = {
 _HEADER = "A motion that excites the unknown parameters, found by `pinadapt excite`."
 
 
-def arguments(parser: ArgumentParser) -> None:
+def excite_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("source", metavar="ROBOT", help="a robot as for `init`")
     parser.add_argument(
@@ -61,8 +61,9 @@ def excite(options: Namespace) -> int:
     source: str = options.source
     out = new_file(options, f"{Template(source).name}_excited")
     robot = load(source, frame=options.frame)
-    bodies, joint = one_word(options.unknown) or "all", one_word(options.joint) or "all"
-    unknown = Unknown(tool=False, bodies=bodies).with_names(joint=joint)
+    unknown = Unknown(tool=False).with_names(
+        dynamic=one_word(options.unknown) or "all", joint=one_word(options.joint) or "all"
+    )
     motion = find(robot, unknown=unknown, **given(options, _SEARCH))
     print(motion)
     tables = {

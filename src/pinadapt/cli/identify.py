@@ -35,7 +35,7 @@ from .command_line import (
 from .run import RUN_FILES
 
 
-def arguments(parser: ArgumentParser) -> None:
+def identify_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     group = _add_shared(parser, "identified")
     group.add_argument(
@@ -148,7 +148,7 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
 
 
 def _signal(text: str) -> tuple[str, list[str]]:
-    """Return a signal and the names of its columns.
+    """Return a name and several ones: a signal and its columns.
 
     Raises:
         ArgumentTypeError: the equals sign or the names are missing.
@@ -164,8 +164,8 @@ def _bounds(text: str) -> tuple[str, list[float]]:
         ArgumentTypeError: the equals sign is missing.
         ValueError: no numbers.
     """
-    name, bounds = assignment(text)
-    return name, [float(bound) for bound in names(bounds)]
+    name, bounds = _signal(text)
+    return name, list(map(float, bounds))
 
 
 def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
@@ -262,10 +262,9 @@ def calibrate(options: Namespace) -> int:
     Nothing is written before the calibration is complete.
     """
     folder = _place(options, "calibrated", calibration.FILES)
-    robot = _robot(options)
     found = calibration.calibrate(
         options.log,
-        robot,
+        _robot(options),
         intake=_import_options(options),
         **given(options, ("unknown", "tracker")),
     )
@@ -285,11 +284,8 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
     intake = ImportOptions.of(intake, source)
     log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
-    about = [
-        f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}.",
-        f"Checked: {check.verdict}",
-    ]
-    write_text(place, intake.text(about))
+    how = f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}."
+    write_text(place, intake.text([how, f"Checked: {check.verdict}"]))
     print(check)
     print(f"\nwritten to {place}")
     return Exit.DONE if check.fits else Exit.REFUSED
@@ -313,5 +309,9 @@ def _place(options: Namespace, done: str, files: Sequence[str]) -> Path:
 
 def _robot(options: Namespace) -> Robot:
     """Return the robot of the options."""
-    chosen = given(options, ("frame", "task", "mass"))
-    return load(options.robot, locked=options.lock or (), xacro=dict(options.xacro), **chosen)
+    return load(
+        options.robot,
+        locked=options.lock or (),
+        xacro=dict(options.xacro),
+        **given(options, ("frame", "task", "mass")),
+    )

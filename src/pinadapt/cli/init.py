@@ -23,7 +23,7 @@ _CHOICES = {
 _FOOT = re.compile(r"foot|sole|toe|ankle|contact")  # in names of ends of legs
 
 
-def arguments(parser: ArgumentParser) -> None:
+def init_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",
@@ -49,14 +49,14 @@ def init(options: Namespace) -> int:
     )
     file = new_file(options, template.name)
     write_text(file, scenario_text(template, file.parent))
-    robot, task = template.robot, template.task or template.robot.task.name
+    robot = template.robot
     found = limbs(robot)
     if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
         print(f"An arm or leg of {len(found)}. For the whole robot:")
         print(*(f"  {each}" for each in _commands(options, found)), sep="\n")
     ends = [contact.frame for contact in robot.contacts] or robot.frames
     which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
-    print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
+    print(f"{file}: {robot.model.nv} joints, {which}, task {template.task or robot.task.name}.")
     if robot.locked:
         moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
         print(f"Controlled: {', '.join(moved)}.")
@@ -81,5 +81,6 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
     choices += [["--frame", ",".join(arms)]] if len(arms) > 1 else []
     choices += [["--contacts", ",".join(feet)]] if len(feet) > 2 else []
     for choice in choices:
-        words = ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
-        yield shlex.join(words)
+        yield shlex.join(
+            ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
+        )

@@ -28,7 +28,7 @@ RUN_FILES = (
 )
 
 
-def arguments(parser: ArgumentParser) -> None:
+def run_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``run``."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name")
@@ -147,9 +147,10 @@ def view(options: Namespace) -> int:
     from ..view.live import LiveView
 
     robot, controller = scenario.true, scenario.controller
-    samples = watched(port, controller, robot)
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        for _ in live.watch(samples):  # until the loop ends, which does not notice
+        for _ in live.watch(
+            watched(port, controller, robot)
+        ):  # until the loop ends, which does not notice
             pass
     return Exit.DONE
 
@@ -181,10 +182,11 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
                     if rollout.evaluated().controller.dynamics.per_body:
                         rollout.learned().save(beside / "learned.urdf")
                 except InputError as reason:
-                    words = "some learned parameters were not written"
-                    print(f"pinadapt: {words}: {reason}", file=sys.stderr)
+                    print(
+                        f"pinadapt: some learned parameters were not written: {reason}",
+                        file=sys.stderr,
+                    )
             if html:
                 rollout.animate().save(beside / "animation.html")
     except OSError as error:
-        words = f"{folder}: not all could be written: {error.strerror or error}."
-        raise OSError(words) from error
+        raise OSError(f"{folder}: not all could be written: {error.strerror or error}.") from error

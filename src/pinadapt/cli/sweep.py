@@ -23,7 +23,7 @@ _OWN = {
 }
 
 
-def arguments(parser: ArgumentParser) -> None:
+def sweep_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (

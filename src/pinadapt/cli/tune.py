@@ -21,7 +21,7 @@ from .command_line import (
 FILE = "tune.json"
 
 
-def arguments(parser: ArgumentParser) -> None:
+def tune_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
@@ -38,8 +38,9 @@ def arguments(parser: ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    counts = dict.fromkeys(("samples", "trials", "validation"), int)
-    add_arguments_of(parser, search, {**counts, "objective": str})
+    add_arguments_of(
+        parser, search, {"samples": int, "trials": int, "validation": int, "objective": str}
+    )
     parser.add_argument(
         "--percentile",
         type=float,

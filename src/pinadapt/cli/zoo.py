@@ -16,7 +16,7 @@ from .command_line import Exit, add_arguments_of, add_out, add_processes, names,
 TABLE = "zoo.json"
 
 
-def arguments(parser: ArgumentParser) -> None:
+def zoo_arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "--robots",
@@ -60,4 +60,4 @@ def zoo_table(rows: Sequence[Record]) -> str:
         "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
         "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
     }
-    return str(records_table(rows, {"robot": "robot", "joints": "joints"}, columns, "verdict"))
+    return str(records_table(rows, {"robot": "robot", "joints": "joints"}, columns))

@@ -92,13 +92,13 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return a table with a row for each rollout, one at least, without columns that none has."""
     shown = rollouts[0].task.groups[0].shown
-    unit, degrees = shown.unit, DISPLAYS["rad"].scale
+    unit = shown.unit
     numbers = {
         f"first 10 % [{unit}]": ("max_error_first", shown.scale, 2),
         f"last 10 % [{unit}]": ("max_error_last", shown.scale, 3),
         "[% of path]": ("error_share", 100.0, 2),
         f"rms [{unit}]": ("rms_error_last", shown.scale, 3),
-        "last 10 % [deg]": ("max_angle_last", degrees, 3),
+        "last 10 % [deg]": ("max_angle_last", DISPLAYS["rad"].scale, 3),
         f"not adapted [{unit}]": ("unadapted", shown.scale, 3),
         "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
@@ -107,4 +107,4 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         {**each.numbers, "unadapted": each.unadapted, "verdict": each.grade} for each in rollouts
     ]
     texts = {"run": "title", "law": "law", "adaptation": "adaptation"}
-    return str(records_table(records, texts, numbers, "verdict"))
+    return str(records_table(records, texts, numbers))

@@ -153,8 +153,7 @@ class Scenario:
             return []
         motors = torque_limits(self.true, self.engine.torque_limits is not False)
         dt = self.engine.period(self.controller)
-        actuators = self.engine.actuators
-        return findings(self.true, self.controller, dt, self.sensors, motors, actuators)
+        return findings(self.true, self.controller, dt, self.sensors, motors, self.engine.actuators)
 
     def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
@@ -163,11 +162,10 @@ class Scenario:
             InputError: robot, controller, motion, engine and initial estimates do not match.
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        of_run = KEYS["simulation"][1]
         try:
             with (
                 in_table("simulation"),
-                located("engine", KEYS["engine"][1], (*TABLES, *of_run, "changes")),
+                located("engine", KEYS["engine"][1], (*TABLES, *KEYS["simulation"][1], "changes")),
             ):
                 return simulate(
                     self.true,
@@ -269,7 +267,6 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
     """
     pixel = getattr(robot.task, "pixel", None)
     if pixel is not None and isinstance(table, Mapping):  # numbers of pictures are pixels
-        lengths = {key: table[key] for key in _OF_PICTURES if key in table}
-        scaled = {key: (pixel * np.array(each)).tolist() for key, each in lengths.items()}
-        table = {**table, **scaled}
+        lengths = [key for key in _OF_PICTURES if key in table]
+        table = {**table, **{key: (pixel * np.array(table[key])).tolist() for key in lengths}}
     return placed_trajectory(motion(table), robot)

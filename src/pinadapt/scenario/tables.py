@@ -64,30 +64,29 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class, function or method has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    named = [each.name for each in signature(make).parameters.values() if each.kind not in several]
-    return tuple(name for name in named if name != "self")
+    named = signature(make).parameters.items()
+    return tuple(name for name, each in named if name != "self" and each.kind not in several)
 
 
-def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
-    """Return what each table is made of: a class or function, and those of its arguments."""
-    changes = arguments(Robot.changed)
-    own = ("robot", "unknown", "sensors", "limits")
-    controller = tuple(name for name in arguments(make_controller) if name not in own)
-    whole = {"unknown": Unknown, "sensors": Sensors, "limits": Limits, "engine": Engine}
-    return {
-        "robot": (load, arguments(load)),
-        "truth": (Robot.changed, (*changes, "tracker", "camera")),
-        "model": (Robot.changed, (*changes, "learned")),
-        "controller": (make_controller, (*controller, *NAMES, *RATES)),
-        "start": (dict, ("a_k", "a_d")),
-        "events": (dict, ("changes", "announcements")),
-        "simulation": (dict, ("duration", "seed", "record_every")),
-        "moteus": (dict, ("motors", "interface", "channel", "timeout")),
-        **{name: (make, arguments(make)) for name, make in whole.items()},
-    }
+_CHANGES = arguments(Robot.changed)
+_OWN = ("robot", "unknown", "sensors", "limits")  # arguments that are tables of their own
+_CONTROLLER = [name for name in arguments(make_controller) if name not in _OWN]
 
-
-KEYS = _keys()
+# What each table is made of: a class or function, and those of its arguments.
+KEYS: dict[str, tuple[Make, tuple[str, ...]]] = {
+    "robot": (load, arguments(load)),
+    "truth": (Robot.changed, (*_CHANGES, "tracker", "camera")),
+    "model": (Robot.changed, (*_CHANGES, "learned")),
+    "controller": (make_controller, (*_CONTROLLER, *NAMES, *RATES)),
+    "start": (dict, ("a_k", "a_d")),
+    "events": (dict, ("changes", "announcements")),
+    "simulation": (dict, ("duration", "seed", "record_every")),
+    "moteus": (dict, ("motors", "interface", "channel", "timeout")),
+    "unknown": (Unknown, arguments(Unknown)),
+    "sensors": (Sensors, arguments(Sensors)),
+    "limits": (Limits, arguments(Limits)),
+    "engine": (Engine, arguments(Engine)),
+}
 TABLES = ("title", *KEYS, "trajectory")
 
 
@@ -136,8 +135,8 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
     Raises:
         InputError: a key is not allowed, or a value is refused by its class.
     """
-    hints, table = _hints(make), checked(table, path, names or arguments(make))
-    return {key: _value(hints.get(key), value, f"{path}.{key}") for key, value in table.items()}
+    given = checked(table, path, names or arguments(make)).items()
+    return {key: _value(_hints(make).get(key), value, f"{path}.{key}") for key, value in given}
 
 
 def _value(hint: Any, value: Any, path: str) -> Any:
@@ -197,8 +196,10 @@ def parts(tables: Tables) -> Tables:
         InputError: a key is not allowed, or a value is refused by its class.
     """
     checked(tables, "", TABLES)
-    title = instance(tables.get("title", ""), str, "title", ScenarioError)
-    found: Tables = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
+    found: Tables = {
+        "title": instance(tables.get("title", ""), str, "title", ScenarioError),
+        "trajectory": motion(tables.get("trajectory", {})),
+    }
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
@@ -213,10 +214,9 @@ def parts(tables: Tables) -> Tables:
     for key, allowed in _WORDS.items():
         if key in found["controller"]:
             word(found["controller"][key], allowed, f"controller.{key}")
-    changes = ("at", *KEYS["truth"][1])
     for table, key, make, allowed in (
         ("truth", "camera", pinhole_camera, arguments(pinhole_camera)),
-        ("events", "changes", Robot.changed, changes),
+        ("events", "changes", Robot.changed, ("at", *KEYS["truth"][1])),
         ("events", "announcements", Robot.changed, ("at", "payload", "tool_translation")),
     ):
         listed = instance(found[table].get(key, []), list, f"{table}.{key}", ScenarioError)
@@ -297,13 +297,11 @@ def toml_value(text: str) -> Any:
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
-    found = deepcopy(tables)
+    found: Tables = {}
     for path in _PATHS:
-        *way, last = path.split(".")
-        table: Any = found
-        for key in way:
-            table = table.get(key) if isinstance(table, Mapping) else None
-        name = table.get(last) if isinstance(table, Mapping) else None
+        name: Any = tables
+        for key in path.split("."):
+            name = name.get(key) if isinstance(name, Mapping) else None
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            table[last] = str(folder / name)
-    return found
+            found[path] = str(folder / name)
+    return with_values(tables, found)

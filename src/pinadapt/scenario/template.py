@@ -176,9 +176,9 @@ class Template:
         """The table [unknown]."""
         if self.robot.contacts:
             return {"bodies": "payload", "friction": False, "armature": False}
-        tool = {"tool": True} if self.robot.task.positions else {}
-        placed = {"tracker": True} if self.tracker else {}
-        return {**placed, **tool, "bodies": "all", "friction": True, "armature": True}
+        places = {"tracker": self.tracker, "tool": self.robot.task.positions > 0}
+        found = {name: True for name, unknown in places.items() if unknown}
+        return {**found, "bodies": "all", "friction": True, "armature": True}
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
@@ -230,13 +230,18 @@ class Template:
         if robot.task.positions and not robot.contacts:
             found["tool_translation"] = self._by_frame(significant)
         if self.tracker:  # the base as the tracker sees it
-            place = significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
-            found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
+            found["tracker"] = {
+                "rotation": [0.0, 0.0, 2.0],
+                "translation": significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2),
+            }
         if self.filmed:
             found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
-        inertia = [moment, 0.0, moment, 0.0, 0.0, moment]
         found["payload"] = self._by_frame(
-            lambda tool: {"mass": _rounded(mass, 3), "com": significant(tool), "inertia": inertia}
+            lambda tool: {
+                "mass": _rounded(mass, 3),
+                "com": significant(tool),
+                "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
+            }
         )
         if not robot.contacts:
             found["friction"] = {
@@ -253,13 +258,15 @@ class Template:
     def _motion(self) -> Tables:
         path = self.path
         if isinstance(path, Sinusoid):
-            sizes = {"amplitude": significant(path.amplitude), "period": significant(path.period)}
-            return {"kind": "sinusoid", **sizes}
+            return {
+                "kind": "sinusoid",
+                "amplitude": significant(path.amplitude),
+                "period": significant(path.period),
+            }
+        circle: Tables = {"kind": "circle", "radius": path.radius, "period": path.period}
         if self.filmed:
-            seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
-            return {"kind": "circle", **seen}
-        given = {"radius": path.radius, "period": path.period, "plane": path.plane}
-        circle = {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+            return circle | {"radius": self.view.radius, "phase": self.view.phase}
+        circle |= {"plane": path.plane, "phase": _rounded(path.phase, 12)}
         count = len(self.robot.frames)
         return circle if count == 1 else {"kind": "stacked", "motions": [circle] * count}
 
@@ -308,8 +315,7 @@ def scenario_text(template: Template, folder: Path) -> str:
     """
     lines, remarks = [f"title = {_written(template.name)}"], template.remarks()
     for name, table in template.tables(folder).items():
-        make = MOTIONS[table["kind"]] if name == "trajectory" else KEYS[name][0]
-        about = meanings(make)
+        about = meanings(MOTIONS[table["kind"]] if name == "trajectory" else KEYS[name][0])
         lines += ["", *_comment(_ABOUT[name]), f"[{name}]"]
         for key, value in table.items():
             meaning = f"{about.get(key, '')} {remarks.get(f'{name}.{key}', '')}"
@@ -330,9 +336,8 @@ def _comment(text: str) -> list[str]:
 def _written(value: Any) -> str:
     """Return a value in TOML, tables inline."""
     if isinstance(value, Mapping):
-        names = [tomlkit.key(name).as_string() for name in value]
-        pairs = zip(names, map(_written, value.values()), strict=True)
-        return f"{{ {', '.join(f'{name} = {each}' for name, each in pairs)} }}"
+        pairs = (f"{tomlkit.key(key).as_string()} = {_written(value[key])}" for key in value)
+        return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return tomlkit.item(value).as_string()

@@ -63,6 +63,10 @@ class Case:
     seed: int
     values: Row
 
+    def row(self, found: Record) -> Row:
+        """Return the row of the case, with what was found."""
+        return {"case": self.number, "seed": self.seed, **self.values, **found}
+
 
 @dataclass(frozen=True)
 class Values:
@@ -147,8 +151,8 @@ class Values:
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
         if self.names:
-            value = np.broadcast_to(value, len(self.names)).tolist()
-            return dict(zip(self.names, value, strict=True))
+            numbers = np.broadcast_to(value, len(self.names))
+            return dict(zip(self.names, numbers.tolist(), strict=True))
         return value
 
 
@@ -280,8 +284,7 @@ class Plan:
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
-        varied = dict(setting(text, "--vary") for text in vary)
-        tables["vary"] = flat(tables.get("vary", {})) | varied
+        tables["vary"] = flat(tables.get("vary", {})) | dict(setting(key, "--vary") for key in vary)
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 

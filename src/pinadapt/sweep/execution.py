@@ -91,7 +91,7 @@ def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> R
     return found if isinstance(found, Mapping) else {"result": found}
 
 
-def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[..., Any]:
+def resolved(function: Callable[..., Any] | str, path: str) -> Callable[..., Any]:
     """Return a function from its name, "module:name". Its module is a program, which runs now.
 
     Raises:
@@ -147,11 +147,10 @@ def numbers_of(rollout: Rollout) -> Row:
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
     numbers, limits = rollout.numbers, rollout.effort_limits
-    used = np.abs(rollout.tau) / limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
-        "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
+        "torque_use": extreme(np.max, (np.abs(rollout.tau) / limits)[:, np.isfinite(limits)]),
     }
     if rollout.diverged is not None:
         found |= {"status": DIVERGED, "reason": f"at {rollout.diverged:.3f} s: {rollout.reason}"}
@@ -173,8 +172,7 @@ def _within(seconds: float | None) -> Iterator[None]:
         """End the case."""
         raise _TimeUp
 
-    main = threading.current_thread() is threading.main_thread()
-    if seconds is None or not main:
+    if seconds is None or threading.current_thread() is not threading.main_thread():
         yield
         return
     before = signal.signal(signal.SIGALRM, stop)
@@ -188,23 +186,21 @@ def _within(seconds: float | None) -> Iterator[None]:
 
 def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
     """Return the row of a case, whatever happens in it."""
-    started, found = time.perf_counter(), Row()
-    status, reason = DONE, None
+    started = time.perf_counter()
+    found: Row = {"status": DONE, "reason": None}
     try:
         with warnings.catch_warnings(), _within(timeout):
             warnings.simplefilter("ignore")  # the row says how the case ended
-            found = dict(work(case))
-        status, reason = found.pop("status", DONE), found.pop("reason", None)
+            found |= work(case)
     except InputError as error:
-        status, reason = REFUSED, str(error)
+        found |= {"status": REFUSED, "reason": str(error)}
     except _TimeUp:
-        status, reason = TIMEOUT, f"took longer than {timeout:g} s"
+        found |= {"status": TIMEOUT, "reason": f"took longer than {timeout:g} s"}
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    ended = {"status": status, "reason": reason, **found, "seconds": time.perf_counter() - started}
-    return {"case": case.number, "seed": case.seed, **case.values, **ended}
+        reason = f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})"
+        found |= {"status": FAILED, "reason": reason}
+    return case.row({**found, "seconds": time.perf_counter() - started})
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
@@ -228,11 +224,6 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
     os._exit(1)
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Case) -> Row:
@@ -269,8 +260,8 @@ def _as_ended(
             if error is None or isinstance(error, InputError):  # no process can be started
                 yield future.result()
                 continue
-            ended = {"status": CRASHED, "reason": f"its process ended: {error!r}", "seconds": None}
-            yield {"case": case.number, "seed": case.seed, **case.values, **ended}
+            reason = f"its process ended: {error!r}"
+            yield case.row({"status": CRASHED, "reason": reason, "seconds": None})
     finally:
         for future in futures:
             future.cancel()
@@ -280,23 +271,20 @@ def _as_ended(
 
 
 def rows(
-    work: Work,
-    cases: Iterable[Case],
-    executor: Executor | int | None = None,
-    timeout: float | None = None,
+    plan: Plan, cases: Iterable[Case], executor: Executor | int | None = None
 ) -> Iterator[Row]:
     """Yield the rows of cases as they end.
 
     Args:
-        work: what is run.
+        plan: the sweep, which says what is run and how long a case may take.
         cases: to run.
         executor: any ``concurrent.futures.Executor``, which is left running; a number of processes,
             0 for this one; None: one process for each core.
-        timeout: [s] of a case.
 
     Raises:
-        InputError: no process can be started.
+        InputError: a function cannot be imported, or no process can be started.
     """
+    work, timeout = work_of(plan), plan.timeout
     if executor is not None and not isinstance(executor, Executor):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
@@ -308,7 +296,8 @@ def rows(
         if isinstance(executor, Executor):
             yield from _as_ended(executor, task, cases)
             return
-        others, threads = set(active_children()), ThreadPoolExecutor(executor or cores())
+        others = set(active_children())
+        threads = ThreadPoolExecutor(executor or len(os.sched_getaffinity(0)))  # its cores
         try:
             own = partial(_in_own_process, threading.local(), task)
             yield from _as_ended(threads, own, cases)
@@ -366,8 +355,9 @@ def sweep(
     else:
         what["case"] = [mapping(each, "cases") for each in cases]
     plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
-    place = None if folder is None else claimed(Path(folder), plan, resume=True)
-    return run_plan(plan, executor, place)
+    return run_plan(
+        plan, executor, None if folder is None else claimed(Path(folder), plan, resume=True)
+    )
 
 
 def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Path:
@@ -419,12 +409,12 @@ def run_plan(
     """
     from tqdm import tqdm  # here, because workers need it not
 
-    work, done = work_of(plan), set[int]()
+    done = set[int]()
     if folder is not None:
-        done = set(join(folder, AGAIN if retry else ())["case"].tolist())
+        done.update(join(folder, AGAIN if retry else ())["case"].tolist())
     missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
-        rows(work, missing, executor, plan.timeout),
+        rows(plan, missing, executor),
         desc="sweep",
         total=len(plan.cases),
         initial=len(done),

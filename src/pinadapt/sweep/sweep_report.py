@@ -121,8 +121,9 @@ class SweepReport:
     @property
     def title(self) -> str:
         """The plan's title, or that of its scenario."""
-        named = self.plan.title or (self.plan.scenario or {}).get("title", "")
-        return str(named or getattr(self.plan.function, "__name__", self.plan.function))
+        plan = self.plan
+        named = plan.title or (plan.scenario or {}).get("title")
+        return str(named or getattr(plan.function, "__name__", plan.function))
 
     @cached_property
     def _varied(self) -> dict[str, None]:
@@ -132,8 +133,11 @@ class SweepReport:
     @cached_property
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
-        there = (name for name in self._varied if name in self.table.names)
-        return [name for name in there if len(set(map(str, self.table[name]))) > 1]
+        return [
+            name
+            for name in self._varied
+            if name in self.table.names and len(set(map(str, self.table[name]))) > 1
+        ]
 
     @cached_property
     def results(self) -> list[str]:
@@ -170,13 +174,14 @@ class SweepReport:
 
     def verdict(self) -> str:
         """Return the outcome in one line."""
-        parts = [f"{len(self.table)} of {len(self.plan.cases)} cases"]
         usual = SUCCESS if SUCCESS in self.table.names else DONE
-        parts.append(f"success ({self.plan.success or usual}) {self.success}")
         kinds = Counter(self.table["status"][self.table.lost].tolist())
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-        parts.append(f"{kinds.total()} lost: {words}" if kinds else "none lost")
-        return "; ".join(parts) + "."
+        return (
+            f"{len(self.table)} of {len(self.plan.cases)} cases; "
+            f"success ({self.plan.success or usual}) {self.success}; "
+            f"{f'{kinds.total()} lost: {words}' if kinds else 'none lost'}."
+        )
 
     @cached_property
     def percentiles(self) -> dict[str, list[Percentile]]:
@@ -188,8 +193,8 @@ class SweepReport:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        order = np.argsort(-self.values(self.main), kind="stable").tolist()
-        return [i for i in order if not self.table.lost[i]][: PRINTED_ROWS // 2]
+        order = np.argsort(-self.values(self.main), kind="stable")
+        return order[~self.table.lost[order]][: PRINTED_ROWS // 2].tolist()
 
     @property
     def lost(self) -> list[int]:
@@ -206,8 +211,8 @@ class SweepReport:
         tables, chosen = [], self.lost
         if self.results:
             rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
-            levels = (f"{p:.0%} (95% interval)" for p in PERCENTILES)
-            tables.append(Table(rows, ["result", *levels, ""], "Results"))
+            header = ["result", *(f"{p:.0%} (95% interval)" for p in PERCENTILES), ""]
+            tables.append(Table(rows, header, "Results"))
             tables.append(self._listed("Worst cases", self.worst, [self.main]))
             chosen = chosen or self.worst
         if self.lost:
@@ -272,7 +277,7 @@ class SweepReport:
         values, column = self.values(self.main), self.table[x]
         distinct = np.unique(column)
         parts = np.array_split(distinct, min(len(distinct), _CLASSES))
-        groups = [np.flatnonzero(np.isin(column, part)) for part in parts]
+        groups = [np.isin(column, part) for part in parts]
         places = [np.median(column[g]) for g in groups]
         levels = [np.quantile(values[g], PERCENTILES, method="inverted_cdf") for g in groups]
         low, median, high = np.where(np.isfinite(levels), levels, np.nan).T

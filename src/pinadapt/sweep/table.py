@@ -45,8 +45,10 @@ def flat(table: Record, prefix: str = "") -> Row:
     """Return the entries of nested tables by dotted keys."""
     found: Row = {}
     for key, value in table.items():
-        inside = isinstance(value, Mapping)
-        found |= flat(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
     return found
 
 

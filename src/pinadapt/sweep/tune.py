@@ -14,7 +14,7 @@ from .._output import Record, Report, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
-from .execution import rows, work_of
+from .execution import rows
 from .sweep_report import Rate, percentile, rate, succeeded
 from .table import CaseTable, Row
 
@@ -107,7 +107,7 @@ def tune(
     def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
-        table = CaseTable(rows(work_of(plan), changed, executor, plan.timeout))
+        table = CaseTable(rows(plan, changed, executor))
         found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
         errors = np.where(table.lost | np.isnan(found), np.inf, found)
         value = percentile(errors, share).value
@@ -181,8 +181,9 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
     found, before = best.errors[both], default.errors[both]
-    changed = bool((found != before).any())
-    p = float(wilcoxon(found, before, alternative="less").pvalue) if changed else 1.0
+    p = 1.0
+    if (found != before).any():
+        p = float(wilcoxon(found, before, alternative="less").pvalue)
     lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
     words = (
         f"on other seeds the objective is {_amount(best.objective)} with the gains found and "

@@ -69,10 +69,10 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     like that metric it does not depend on frames and units.
     """
     robot, dynamics = dynamics.bare(robot), dynamics.inertial
-    nominal, count = dynamics.value(robot), 10 * dynamics.size
+    nominal = dynamics.value(robot)
     if nominal is None:
         return None
-    values = dynamics.values(robot, *plausible(robot, dynamics, count))
+    values = dynamics.values(robot, *plausible(robot, dynamics, 10 * dynamics.size))
     if values is None:
         return None
     errors = values - nominal
@@ -121,7 +121,7 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray,
 
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
     """Return S (b, 4, 4), P = S S^T the pseudo-inertias of b bodies or physical ones close by."""
-    mass = pin.computeTotalMass(robot.model) / robot.model.nv
+    mass = robot.mass / robot.model.nv
     tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [
         pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=1e-3))
@@ -163,8 +163,8 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
         InputError: actuators of another number of joints.
     """
     own = actuators.of(robot)
-    late = 2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth)
-    return float(late) + 1.0 / elastic_mode(robot, actuators)
+    late = float(np.max(dt + own.delay + 1.0 / own.bandwidth))
+    return 2.0 * late + 1.0 / elastic_mode(robot, actuators)
 
 
 def elastic_mode(robot: Robot, actuators: Actuators) -> float:

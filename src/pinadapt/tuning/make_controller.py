@@ -161,7 +161,7 @@ def make_controller(
         tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
     if applied.governor is not None and getattr(tuned, "speeds", None) is None:
         tuned = tuned.adjusted(speeds=applied.governor.velocity)
-    warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
+    warn_of_unused_gains(tuned, kind, kind_k, kinematics, dynamics, gains | rates)
     box = make_box(robot, kinematics, limits.box)
     tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains, unknown.lmi)
     adaptation_k = moved_kinematics(kind_k, tuning, box)
@@ -181,8 +181,9 @@ def make_controller(
         if kind == "none":
             return moved
         moved = modified(moved, modifying, tuning)
-        leaks = settings.leak and SIGMA not in modifying and kind not in MEMORIES
-        return Leak(moved, settings.leak) if leaks else moved
+        if settings.leak and SIGMA not in modifying and kind not in MEMORIES:
+            return Leak(moved, settings.leak)
+        return moved
 
     compensation = compensation_of(robot, compensated)
     compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
@@ -220,7 +221,8 @@ def make_controller(
     )
     if not isinstance(adaptation, Adaptation) and rates["gamma_d"] is rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, motion, dt)
-        controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
+        if share < 1.0:
+            controller.adaptation_d = adaptation_d(share)
     if applied.torque is not None and compensation is None:
         held = overloaded(robot, applied.torque, "the model")
         if held is not None:

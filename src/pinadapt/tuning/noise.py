@@ -70,8 +70,7 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
             leak=_LEAK * root,
         )
     if quality.x > 0.0:
-        smoothing = 2.0 * quality.rate * (_FINEST * reach / quality.x) ** 2
-        found = found._replace(smoothing=smoothing)
+        found = found._replace(smoothing=2.0 * quality.rate * (_FINEST * reach / quality.x) ** 2)
     return found
 
 
@@ -152,8 +151,9 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
         if name == "projection":
             adaptation = MassMatrixProjection(adaptation, motion.dynamics, motion.robot)
         elif name == SIGMA:
-            default = tuning.settings.leak or 0.05  # [1/s]
-            adaptation = Leak(adaptation, default if gain is None else gain)
+            if gain is None:
+                gain = tuning.settings.leak or 0.05  # [1/s]
+            adaptation = Leak(adaptation, gain)
         elif name == "e1":
             size = _of_velocity(tuning, 1e-3 * tuning.bandwidth, "modifications.e1")
             adaptation = ErrorLeak(adaptation, 0.2 if gain is None else gain, size)  # [1/s]
@@ -163,8 +163,8 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
             adaptation = DeadZone(adaptation, gain)
         else:
             share = 1.0 if gain is None else positive(gain, "modifications.normalised")
-            typical = float(typical_torques(adaptation, motion).sum())
-            adaptation = Normalised(adaptation, typical / share)
+            typical = typical_torques(adaptation, motion)
+            adaptation = Normalised(adaptation, float(typical.sum()) / share)
     return adaptation
 
 

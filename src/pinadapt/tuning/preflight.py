@@ -174,7 +174,6 @@ def stable_share_of_feedback(
     if not whole:
         return 1.0
     joints = LinearisedJoints(motion, actuators, K_f, of_task=len(whole) == 1)
-
     return _stable_share(lambda share: joints.feedback_radius(of(share), dt, 1.0))
 
 
@@ -210,8 +209,8 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
             effects = np.array(law.parameter_effects(motion))
             E = np.array([at.E for at in feedback])
             S = effects @ Gamma_d @ effects.swapaxes(1, 2)
-            powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
-            yield _DYNAMICS, powers, partial(joints.adaptation_radius, S, E)
+            radius = partial(joints.adaptation_radius, S, E)
+            yield _DYNAMICS, {"gamma_d": 1.0, "gamma_joint": 1.0}, radius
     Gamma_k = controller.adaptation_k.gain(Estimate(motion.kinematics.initial))
     loop = law.kinematic_loop()
     if loop is not None and Gamma_k.any():
@@ -280,10 +279,8 @@ class LinearisedJoints:
             self._right = self._left.swapaxes(1, 2)
         own, moved = actuators.of(motion.robot), np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
-        parts = zip(
-            *(_actuated(each, each - np.diag(rotors), motor, own) for each in M), strict=True
-        )
-        self._A, self._B, motors = (np.array(part) for part in parts)
+        at_states = [_actuated(each, each - np.diag(rotors), motor, own) for each in M]
+        self._A, self._B, motors = map(np.array, zip(*at_states, strict=True))
         self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
         self._moved, self._period = self._A, math.nan  # transitions over the last period asked for
         if actuators.elastic and actuators.encoders == "link":
@@ -297,7 +294,7 @@ class LinearisedJoints:
 
         ``factor`` multiplies the bandwidth of S and D.
         """
-        S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
+        S, D, N, _ = map(np.array, zip(*feedback, strict=True))
         w = self._bandwidth
         K_P = _MARGIN * factor**2 * self._torque(S) + 0.25 * w**2 * self._posture
         K_D = _MARGIN * self._torque(factor * D + N) + w * self._posture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive
@@ -174,12 +173,12 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     if not dynamics.per_body:
         return None
     shares = np.ones(len(dynamics.bodies))
-    for index in (i for i, body in enumerate(dynamics.bodies) if body in robot.carriers):
+    for index in np.flatnonzero(np.isin(dynamics.bodies, robot.carriers)):
         P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
         mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
         square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
         thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
-        shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
+        shares[index] = max(1.0, thick, 1.0 + load * robot.mass / mass)
     return shares if shares.max() > 1.0 else None
 
 
@@ -190,7 +189,7 @@ def _cone(
     cone: MatrixInequality
     if dynamics.per_body:
         names = [robot.joint_names[body] for body in dynamics.bodies]
-        mass = pin.computeTotalMass(robot.model) / robot.model.nv
+        mass = robot.mass / robot.model.nv
         cone = BodyInequality(names, least_mass=1e-3 * mass, least_radius=1e-2 * robot.reach)
     elif lmi is None:
         raise ParameterError(
@@ -325,16 +324,14 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
     start = Estimate(kinematics.initial)
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
-        effects = [np.sqrt(stiffness) * Y_p for Y_p in tuning.motion.kinematic_regressors]
+        effects = np.sqrt(stiffness) * np.array(tuning.motion.kinematic_regressors)
         mode = min(law.kinematic_mode * tuning.bandwidth, tuning.settings.kinematic)
         unit = Gradient(kinematics.sizes**2, size)
         gamma_k = rate_for(mode, effects, unit, start) * kinematics.sizes**2
     moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
     if kind == LeastSquares.name:
         moved = kinematic_least_squares(moved.gain(start), tuning)
-    if box is None:
-        return moved
-    return BoxProjection(moved, *box, names=kinematics.names)
+    return moved if box is None else BoxProjection(moved, *box, names=kinematics.names)
 
 
 def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
@@ -347,7 +344,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     the forgetting.
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
-    kinematics, size = motion.kinematics, motion.kinematics.size
+    kinematics = motion.kinematics
     unit = (OFF * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
@@ -358,7 +355,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     noise = w * spread**2 / (unit * quality.rate) if spread else 0.0
     return LeastSquares(
         P_0,
-        size,
+        kinematics.size,
         weight=None,
         rate=w if tuning.rates.get("R_k") is None else None,
         floor=max(noise, 1e-6 * float(typical)) or 1.0,

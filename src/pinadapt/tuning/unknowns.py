@@ -191,7 +191,7 @@ class Unknown:
         elif self.lengths is not False:
             words += [f"{name}:length" for name in name_list(self.lengths, "unknown.lengths")]
         named = {each for each in words if isinstance(each, str)}
-        covered = bool(named & {TOOL, f"{TOOL}:length", LENGTHS})
+        covered = named & {f"{TOOL}:length", LENGTHS}
         if TOOL not in named and (self.tool or (self.tool is None and tool and not covered)):
             words.append(TOOL)
         return words
@@ -258,8 +258,8 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    usual, own = chosen_kinds(joint), {"armature": unknown.armature}
-    said = {kind: own.get(kind, unknown.friction) for kind in USUAL}
+    usual = chosen_kinds(joint)
+    said = {**dict.fromkeys(USUAL, unknown.friction), "armature": unknown.armature}
     kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
     kinds += chosen_kinds(unknown.effects)
     stacked = bool(kinds) or robot.friction.present
@@ -316,7 +316,8 @@ def lumped_lengths(
 
 def warn_of_unused_gains(
     law: Law,
-    kinds: tuple[str, str],
+    kind: str,
+    kind_k: str,
     kinematics: TaskKinematics,
     dynamics: Dynamics,
     given: Mapping[str, Any],
@@ -325,12 +326,12 @@ def warn_of_unused_gains(
 
     Args:
         law: of the controller.
-        kinds: of adaptation, of the dynamic and the kinematic estimate; "custom" for an object.
+        kind: of adaptation of the dynamic estimate; "custom" for an object.
+        kind_k: of that of the kinematic estimate.
         kinematics: with the unknown translations.
         dynamics: with the unknown inertias and coefficients of the joints.
         given: gains as users write them; None is not given.
     """
-    kind, kind_k = kinds
     inertial, used = dynamics.inertial.size, [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
     if kind not in ("none", "custom"):
         used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)

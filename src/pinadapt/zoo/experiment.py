@@ -35,7 +35,7 @@ from ..scenario.template import FRICTION
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
-from ..sweep.execution import rows, work_of
+from ..sweep.execution import rows
 from ..sweep.table import DONE, Row
 from ..trajectories.periodic import Circle
 from ..trajectories.pose import PoseTrajectory, Swing
@@ -116,12 +116,10 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         friction=Friction(viscous, coulomb),
     )
     factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], robot.model.nv)
-    estimated = robot.changed(
-        inertial_scale=dict(zip(robot.joint_names, factors.tolist(), strict=True))
-    )
+    scales = dict(zip(robot.joint_names, factors.tolist(), strict=True))
     return ZooCase(
         true,
-        estimated,
+        robot.changed(inertial_scale=scales),
         _motion(true, found, rng),
         found.radius,
         found.period,
@@ -136,7 +134,7 @@ def _motion(robot: Robot, found: Circle, rng: np.random.Generator) -> Trajectory
     """
     motion: Trajectory = found
     if robot.task.size > robot.task.positions:
-        motion = PoseTrajectory(motion, Swing(rng.standard_normal(3), SWING, found.period))
+        motion = PoseTrajectory(found, Swing(rng.standard_normal(3), SWING, found.period))
     return motion.starting_at(robot.position(robot.q0))
 
 
@@ -217,10 +215,9 @@ def run_zoo(
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    plan = Plan(
-        function=zoo_numbers, case=[{"robot": name, "task": task} for name in longest_first]
-    )
-    for row in rows(work_of(plan), plan.cases, processes):
+    cases = [{"robot": name, "task": task} for name in longest_first]
+    plan = Plan(function=zoo_numbers, case=cases)
+    for row in rows(plan, plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
         yield row
@@ -228,11 +225,14 @@ def run_zoo(
 
 def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Rollout:
     """Run a case with default gains; its sensors are right: implausible speed is divergence."""
-    limits = Limits(torque=case.efforts_suffice, guards={"velocity": False})
-    # the true robot has friction, the model has none
-    unknown = Unknown(friction=True, armature=True)
     controller = make_controller(
-        case.estimated, law=law, adaptation=adaptation, unknown=unknown, limits=limits, dt=PERIOD
+        case.estimated,
+        law=law,
+        adaptation=adaptation,
+        # the true robot has friction, the model has none
+        unknown=Unknown(friction=True, armature=True),
+        limits=Limits(torque=case.efforts_suffice, guards={"velocity": False}),
+        dt=PERIOD,
     )
     return simulate(
         case.true,
