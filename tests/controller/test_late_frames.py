@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.delay_compensation import DelayCompensator
+from pinadapt.models.delay_compensation import DelayCompensator, SensedState
 from tests.support.chains import catalogue_robot
 from tests.support.loops import with_tool_and_load
 from tests.support.snapshots import snapshot, unchanged
@@ -197,7 +197,7 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda):
         x = true + sigma * rng.standard_normal(3)
         kinematics.update(panda.a_k, q, still)
         states = [
-            one.update(before, (k - 1) * T, k * T, q, still, x, None, kinematics)
+            SensedState(q, still, *one.update(before, (k - 1) * T, k * T, q, x, None, kinematics))
             for one, before in zip(compensators, states, strict=True)
         ]
         off.append([state.x - true for state in states])
