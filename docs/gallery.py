@@ -83,8 +83,8 @@ def show(name: str) -> str:
             drawn = asyncio.wait_for(frames(address, [DURATION], SIZE, LAYOUT), LONGEST)
             asyncio.run(drawn)[0].save(FOLDER / f"{name}.png")
     last = (run.distance[run.t >= DURATION - 1.0].max() for run in (without, adapted))
-    first, second = (number(float(error), "mm", scale=1e3) for error in last)
-    radius = number(case.radius, "mm", scale=1e3, digits=0)
+    first, second = (f"{number(float(error), scale=1e3, digits=3)} mm" for error in last)
+    radius = f"{number(case.radius, scale=1e3, digits=0)} mm"
     return f"| [{name}]({name}.html) | {case.true.model.nv} | {radius} | {first} | **{second}** |\n"
 
 
