@@ -134,11 +134,11 @@ def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Itera
         shutil.rmtree(beside, ignore_errors=True)
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
     """Check that files can be written into a folder, which need not exist.
 
     Raises:
-        InputError: they cannot be written.
+        InputError: they cannot be written, or one of ``names`` is a folder.
     """
     missing = not folder.is_dir()
     try:
@@ -153,6 +153,10 @@ def check_writable(folder: Path) -> None:
             where=str(folder),
             hint="Choose another folder by --out.",
         ) from error
+    for name in names:
+        if (folder / name).is_dir():
+            words = "is a folder, but a file of this name has to be written."
+            raise InputError(words, where=str(folder / name))
 
 
 def cell(value: Any) -> str:

@@ -259,8 +259,13 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m, x = kinematics.positions, sensed.x
-        if state.__class__ is not ObserverState or state.memory.size != m + 1:
+        m, n, x = kinematics.positions, kinematics.nv, sensed.x
+        if (
+            state.__class__ is not ObserverState
+            or state.memory.size != m + 1
+            or state.s_f.size != (0 if self.error is None else n)
+            or state.disturbance.size != n
+        ):
             raise InputError("the filters are those of another controller.", where="state")
         memory, s_f, disturbance, R = state
         if not m or x is None:

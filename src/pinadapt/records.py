@@ -158,11 +158,18 @@ class Camera:
         """Refuse numbers that no camera has."""
         if self.rate is not None:
             object.__setattr__(self, "rate", positive(self.rate, "camera.rate"))
-        for name, most in {"delay": 100.0, "dropout": 1.0}.items():
-            number = positive(getattr(self, name), f"camera.{name}", zero=True, most=most)
+        for name in ("delay", "dropout"):
+            number = positive(getattr(self, name), f"camera.{name}", zero=True)
             object.__setattr__(self, name, number)
-        if self.dropout == 1.0:
-            raise InputError("must be a share of the frames, below 1.", where="camera.dropout")
+        if self.delay > 100.0:
+            raise InputError(
+                f"must be at most 100 s, got {self.delay:g}.",
+                where="camera.delay",
+                hint="It is in seconds: 30 ms are 0.03.",
+            )
+        if self.dropout >= 1.0:
+            words = f"must be a share of the frames, below 1, got {self.dropout:g}."
+            raise InputError(words, where="camera.dropout")
 
 
 @dataclass(frozen=True)

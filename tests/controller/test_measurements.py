@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 import pinadapt as pa
 from benchmarks.lying_sensors import CONTINUOUS, FAULTS, MEASURES, _apart, begun
-from pinadapt.controller.residuals import new_trail
+from pinadapt.controller.residuals import new_monitor
 from pinadapt.models.delay_compensation import SensedState
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
@@ -37,7 +37,7 @@ JOINT, STOP = 1, 0.35  # which joint stops, and when [s]
 def read(controller, t, q, v):
     """Let a controller's sensing read samples of q and v; return what it holds last."""
     senses, kinematics = controller.senses, controller.kinematics
-    sensed = SensedState(q[0], v[0], trail=new_trail(v[0]))
+    sensed = SensedState(q[0], v[0], monitor=new_monitor(v[0]))
     now, period = t[0], controller.period
     for k in range(1, len(t)):
         sample = pa.Measurement(t[k], q[k], v[k])
@@ -70,7 +70,7 @@ def test_a_recorded_motion_is_healthy(rate, kind):
     t = np.arange(t_log[0], t_log[-1], 1.0 / rate)
     q = q_log[np.searchsorted(t_log, t - 1e-9)]
     sensed = read(controller_of("tx40", rate), t, q, VELOCITIES[kind](q, 1.0 / rate))
-    assert not sensed.trail.bridged[0]  # none was bridged
+    assert not sensed.monitor.bridged[0]  # none was bridged
 
 
 @cache
@@ -205,7 +205,7 @@ def test_a_velocity_beyond_its_bound_for_10_ms_is_bridged_and_forgotten():
     v = np.outer(np.sin(3.0 * t), np.full(6, 0.1))
     v[:, JOINT] += np.interp(t, [0.1, 0.126, 0.172, 0.22, 0.24], [0.0, 39.0, -30.0, -30.0, 0.0])
     q = np.vstack([0.0 * v[:1], np.cumsum(0.5e-3 * (v[1:] + v[:-1]), axis=0)])
-    assert 5 < read(controller_of("ur5", 1000.0), t, q, v).trail.bridged[0] < 15
+    assert 5 < read(controller_of("ur5", 1000.0), t, q, v).monitor.bridged[0] < 15
 
 
 ONCE = [name for name in FAULTS if name.endswith("once")]

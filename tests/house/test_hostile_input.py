@@ -221,3 +221,65 @@ def test_any_value_is_refused_or_runs_to_finite_numbers(key, value):
         except pa.InputError:
             return
     assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
+
+
+# --- what would be wrong in silence ---
+
+
+def _stepped_from(sensors):
+    """Step a controller from the state of one for other sensors."""
+    robot = pa.load("planar_2r")
+    measurement = pa.plants.PinocchioPlant(robot).measure()
+    state = pa.make_controller(robot, sensors=sensors).init(measurement)
+    noisy = pa.Sensors(encoder=1e-4) if sensors is None else None
+    desired = pa.Desired(measurement.x, np.zeros(2), np.zeros(2))
+    controller = pa.make_controller(robot, sensors=noisy)
+    return controller.step(state, measurement._replace(t=1e-3), desired, 1e-3)
+
+
+def _parts():
+    """Return kinematics and dynamics of a controller."""
+    controller = pa.make_controller(pa.load("planar_2r"))
+    return controller.kinematics, controller.dynamics
+
+
+HANDS = ["arm_left_tool_link"] * 2
+SILENT = {
+    "kinematics at more parameters": (
+        lambda: _parts()[0].update(np.zeros(9), np.zeros(2), np.zeros(2)),
+        "a_k: expected 3 numbers",
+    ),
+    "dynamics at fewer parameters": (lambda: _parts()[1].load(np.zeros(5)), "a_d: expected"),
+    "state of a noisy arm": (lambda: _stepped_from(pa.Sensors(encoder=1e-4)), "another controller"),
+    "state of an exact arm": (lambda: _stepped_from(None), "another controller"),
+    "a slower motion that is faster": (lambda: pa.trajectories.SlowedTime(0.5), "slowness: must"),
+    "an axis of zeros": (lambda: pa.trajectories.Swing([0, 0, 0], 0.3, 2.0), "orientation.axis"),
+    "milliseconds": (lambda: pa.Camera(rate=30.0, delay=300.0), "30 ms are 0.03"),
+    "a frame twice": (lambda: pa.load("tiago_dual", frames=HANDS), "frames: one is given twice"),
+    "a translation twice": (
+        lambda: pa.make_controller(
+            pa.load("ur5"), unknown=pa.Unknown(translations=["elbow_joint"] * 2)
+        ),
+        "translations: one occurs twice",
+    ),
+    "a gain that a law has not": (
+        lambda: pa.make_controller(pa.load("ur5", task="joint"), law="slotine-li", Kp=3.0),
+        "Kp: the law 'slotine-li' has none",
+    ),
+    "a dead zone of no size": (
+        lambda: pa.make_controller(pa.load("ur5"), modifications="dead-zone"),
+        "dead-zone: no noise of the joint velocity",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SILENT)
+def test_what_would_be_wrong_in_silence_is_refused(what):
+    make, words = SILENT[what]
+    with pytest.raises(pa.PinadaptError, match=words):
+        make()
+
+
+def test_a_folder_with_the_name_of_an_output_is_told_before_the_run(tmp_path, capsys):
+    (tmp_path / "out" / "rollout.npz").mkdir(parents=True)
+    assert "rollout.npz: is a folder" in refused(tmp_path, capsys, SCENARIO)

@@ -76,6 +76,8 @@ def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
             assert np.allclose(mounted.model.gravity.linear, gravity)
             turned_joint = replace(log, tau=log.tau * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
             assert f"--flip {log.joints[1]}" in causes(turned_joint, on_wall(turned_joint, robot))
+            amperes = replace(log, tau=0.1 * log.tau)
+            assert "motor currents" in causes(amperes, on_wall(amperes, robot))
         else:
             assert f"--gravity={down}" in causes(log, mounted)
 

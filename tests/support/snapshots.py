@@ -23,7 +23,7 @@ def snapshot(record: tuple) -> list[Any]:
 
 def guarded_alike(state: pa.ControllerState) -> pa.ControllerState:
     """Return a state without what its guards keep, to be compared with one that has none."""
-    return state._replace(sensed=state.sensed._replace(first=None, trail=None))
+    return state._replace(sensed=state.sensed._replace(first=None, monitor=None))
 
 
 def unchanged(record: tuple, before: list[Any]) -> bool:

@@ -194,14 +194,14 @@ def add_out(parser: ArgumentParser, default: str) -> None:
     )
 
 
-def out_folder(options: Namespace, name: str) -> Path:
-    """Return the folder of ``--out``, by default one of this name in ``out``.
+def out_folder(options: Namespace, name: str, files: Sequence[str]) -> Path:
+    """Return the folder of ``--out``, by default one of this name in ``out``, for these files.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: they cannot be written.
     """
     folder: Path = options.out or Path("out") / name
-    check_writable(folder)
+    check_writable(folder, files)
     return folder
 
 
@@ -263,7 +263,7 @@ def new_file(options: Namespace, name: str) -> Path:
             where=str(file),
             hint="Overwrite it by --force, or choose another file by --out.",
         )
-    check_writable(file.parent)
+    check_writable(file.parent, [file.name])
     return file
 
 

@@ -47,7 +47,7 @@ def compare(options: Namespace) -> int:
     an earlier comparison stay until those of this one are complete. A law that diverges is a row
     of the table, not a failure of the command.
     """
-    folder = out_folder(options, f"{options.scenario.stem}-compare")
+    folder = out_folder(options, f"{options.scenario.stem}-compare", _FILES)
     laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
     # Building the scenarios checks them all before the first one runs.
     scenarios = list(under_laws(options.scenario, laws, options.set))
@@ -96,7 +96,7 @@ def demo_arguments(parser: ArgumentParser) -> None:
 
 def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
-    out = out_folder(options, "demo")
+    out = out_folder(options, "demo", [])
     paths = [robots_folder() / file for file in SHOWCASE.values()]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation

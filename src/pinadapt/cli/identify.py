@@ -297,7 +297,7 @@ def _place(options: Namespace, done: str, files: Sequence[str]) -> Path:
     Raises:
         InputError: it is not writable or contains a run, perhaps the log itself.
     """
-    folder = out_folder(options, f"{options.log[0].stem or 'log'}-{done}")
+    folder = out_folder(options, f"{options.log[0].stem or 'log'}-{done}", files)
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",

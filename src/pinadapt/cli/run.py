@@ -65,7 +65,7 @@ def run_into(
 
     Return 3 if the loop diverged, 130 if it was interrupted, else 0.
     """
-    check_writable(folder)
+    check_writable(folder, RUN_FILES)
     rollout = run_beside(scenario, without, live=live)
     try:
         write_run(rollout, folder, html=html)

@@ -61,7 +61,7 @@ def tune(options: Namespace) -> int:
     Writes ``tune.json`` with all trials.
     """
     plan = Plan.read(options.scenario, options.vary, options.set, samples=options.samples)
-    folder = out_folder(options, f"{options.scenario.stem}-tune")
+    folder = out_folder(options, f"{options.scenario.stem}-tune", [FILE])
     found = search(
         plan,
         dict(options.gain),

@@ -35,7 +35,7 @@ def zoo(options: Namespace) -> int:
     least = 6 if task == POSE else 0  # position and orientation
     fit = [name for name, entry in catalogue().items() if entry.joints >= least]
     names = [catalogue_entry(name).name for name in options.robots or fit]
-    folder = out_folder(options, "zoo")
+    folder = out_folder(options, "zoo", [TABLE])
     coming = run_zoo(names, options.processes, task)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):

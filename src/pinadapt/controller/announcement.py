@@ -78,9 +78,9 @@ def announced_state(
     if tool_translation is None:
         return state
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
-    trail = state.sensed.trail._replace(fit=None)  # the next frame is that of another tool
+    monitor = state.sensed.monitor._replace(fit=None)  # the next frame is that of another tool
     return state._replace(
-        kinematic=controller.adaptation_k.init(a_k), sensed=state.sensed._replace(trail=trail)
+        kinematic=controller.adaptation_k.init(a_k), sensed=state.sensed._replace(monitor=monitor)
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..exceptions import ImplausibleError, InputError
-from .residuals import TIME, Trail
+from .residuals import TIME, MonitorState
 
 LATEST, _PAUSE = 10.0, 0.01  # periods, and [s] that one step may bridge, whichever is longer;
 # half: more pauses end a run, double: the estimates take longer steps
@@ -37,13 +37,13 @@ def elapsed(before: float, now: float, dt: float, period: float, read: bool) -> 
     return since if since == 0.0 or since > 1.5 * dt else dt, since
 
 
-def stood(trail: Trail, now: float, dt: float) -> None:
+def stood(monitor: MonitorState, now: float, dt: float) -> None:
     """Count a sample with the time ``now`` of the one before [s], in place of dt later.
 
     Raises:
         ImplausibleError: it has been the same for too long.
     """
-    trail.since[TIME] = min(trail.since[TIME], trail.time) - dt
-    if trail.lasts(TIME):
-        samples = 1.0 + (trail.time - trail.since[TIME]) / dt
+    monitor.since[TIME] = min(monitor.since[TIME], monitor.time) - dt
+    if monitor.lasts(TIME):
+        samples = 1.0 + (monitor.time - monitor.since[TIME]) / dt
         raise ImplausibleError("t", now, f"has been the same for {samples:.0f} samples")

@@ -238,7 +238,7 @@ class Controller:
         kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
         if information_k is not None:
-            sensed = believed(sensed, kinematics, kinematic.value)
+            sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
         q, v = measurement.q, measurement.v
         return ControllerState(
             t=measurement.t,
@@ -482,14 +482,14 @@ class Controller:
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
-            sensed = self.senses.believed(state.sensed, measurement, dt, damping)
+            sensed = self.senses.fallback(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
             torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
             limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v
-            displaced = sensed.trail.joints[kernels.DISPLACED]
+            displaced = sensed.monitor.joints[kernels.DISPLACED]
             if not hold:
                 displaced[:] = 0.0
             spring = 0.25 * damping**2 * inertia * displaced
@@ -709,7 +709,7 @@ class Controller:
             if self.limits.torque is not None:
                 of_model = filtered.error(s.a_0)  # which no estimate explains away
                 self.senses.guards.check_momentum(
-                    sample, of_model, filtered.state.y, self.limits.torque, sensed.trail
+                    sample, of_model, filtered.state.y, self.limits.torque, sensed.monitor
                 )
         still = resting and not (xd_d.any() or xdd_d.any())
         near = self.senses.guards.near
@@ -794,7 +794,9 @@ class Controller:
         return kinematic + dynamic
 
 
-def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -> SensedState:
+def predicted_at_rest(
+    sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray
+) -> SensedState:
     """Return what was sensed at rest, the frame being where an estimate a_k (p) predicts it.
 
     Orientations and coordinates of joints are as measured.

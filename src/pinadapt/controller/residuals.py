@@ -84,7 +84,7 @@ class Explained(NamedTuple):
     moved: float = -math.inf
 
 
-class Trail(NamedTuple):
+class MonitorState(NamedTuple):
     """What is kept of the samples, to compare the next one with.
 
     Attributes:
@@ -112,12 +112,12 @@ class Trail(NamedTuple):
         return self.time - self.since[channel] > LASTS
 
 
-def new_trail(v: np.ndarray, since: float = math.inf) -> Trail:
+def new_monitor(v: np.ndarray, since: float = math.inf) -> MonitorState:
     """Return what is kept of the first sample, with its joint velocity v (n) [rad/s or m/s]."""
     joints = np.zeros((kernels.KEPT, v.size))
     joints[kernels.RATE] = joints[kernels.RAW_V] = v
     joints[kernels.RAW_Q] = np.nan
-    return Trail(joints, np.zeros(2), [0] * 4, [since] * 4)
+    return MonitorState(joints, np.zeros(2), [0] * 4, [since] * 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,19 +141,19 @@ class FrameFit:
     deviation: float
 
     def after(
-        self, trail: Trail, X: np.ndarray, a_k: np.ndarray, error: np.ndarray
+        self, monitor: MonitorState, X: np.ndarray, a_k: np.ndarray, error: np.ndarray
     ) -> tuple[float, float, Explained | None]:
         """Return the size of r, its bound [m], and the fit with a frame that is within it.
 
         Args:
-            trail: with the fit to the frames before.
+            monitor: with the fit to the frames before.
             X: (m_p, p) regressor of the frame.
             a_k: (p) the estimate [m].
             error: (m_p) the prediction error of that [m].
         """
-        n, bound, fit = len(self.prior), CERTAIN * self.deviation, trail.fit
+        n, bound, fit = len(self.prior), CERTAIN * self.deviation, monitor.fit
         value, sums, since = fit or Explained(np.zeros(n), np.zeros((n, n + 1)))
-        moved: float = trail.shared.item(1)
+        moved: float = monitor.shared.item(1)
         near = moved - since <= _FRAME
         if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
             return 0.0, bound, fit
@@ -212,31 +212,33 @@ class Guards:
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
         return cls(model, bounds, places, np.full(model.nv, math.inf))
 
-    def joints(
+    def check_joints(
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
-    ) -> tuple[int, np.ndarray, np.ndarray, Trail]:
-        """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
-        old: Trail = before.trail
+    ) -> tuple[int, np.ndarray, np.ndarray, MonitorState]:
+        """Return the kernel's answer, q (nq) and v (n) as they are used, and the next state."""
+        old: MonitorState = before.monitor
         q_before = before.q
         if dt == math.inf:  # it is compared with none, and nothing is bridged
-            old, q_before, dt = new_trail(v, -math.inf), q, 0.0
+            old, q_before, dt = new_monitor(v, -math.inf), q, 0.0
         joints, q_used, v_used = empty(old.joints.shape), empty(q.size), empty(v.size)
         shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
-        trail = Trail(joints, shared, *counts, old.time + dt, True, old.fit)
+        monitor = MonitorState(joints, shared, *counts, old.time + dt, True, old.fit)
         answer = kernels.check_joints(
             q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
             shared, q_used, v_used,
         )  # fmt: skip
         if answer != 2:
-            trail.since[JOINTS] = math.inf
+            monitor.since[JOINTS] = math.inf
         if answer != 2 or not (doubted := self._doubted(q_before, v, old, joints)).any():
-            return answer, q_used, v_used, trail
+            return answer, q_used, v_used, monitor
         kept = old.joints.copy()
         kept[kernels.DISTRUST, doubted] = kernels.NO_Q + kernels.NO_V
-        return self.joints(before._replace(trail=old._replace(joints=kept)), q, v, dt, decay)
+        return self.check_joints(
+            before._replace(monitor=old._replace(joints=kept)), q, v, dt, decay
+        )
 
     def _doubted(
-        self, q_before: np.ndarray, v: np.ndarray, old: Trail, joints: np.ndarray
+        self, q_before: np.ndarray, v: np.ndarray, old: MonitorState, joints: np.ndarray
     ) -> np.ndarray:
         """Return which joints (n) have stopped, and the others do not show it.
 
@@ -256,7 +258,7 @@ class Guards:
             doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
         return doubted
 
-    def bridge_joints(self, sample: Measurement, trail: Trail) -> None:
+    def bridge_joints(self, sample: Measurement, monitor: MonitorState) -> None:
         """Count a sample of which q or v was replaced.
 
         Raises:
@@ -266,21 +268,21 @@ class Guards:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        kinds = trail.joints[kernels.KIND]
+        kinds = monitor.joints[kernels.KIND]
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED)
-        wrong |= trail.joints[kernels.DISTRUST] != 0.0
+        wrong |= monitor.joints[kernels.DISTRUST] != 0.0
         if not wrong.any():
-            trail.since[JOINTS] = math.inf
+            monitor.since[JOINTS] = math.inf
             return
         i = int(np.argmax(wrong))
-        size, bound = trail.joints[kernels.SIZE, i], trail.joints[kernels.BOUND, i]
+        size, bound = monitor.joints[kernels.SIZE, i], monitor.joints[kernels.BOUND, i]
         summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
-        self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, trail, i, summed)
+        self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, monitor, i, summed)
 
     def bridge_torque(
-        self, sample: Measurement, trail: Trail, sent: np.ndarray | None
+        self, sample: Measurement, monitor: MonitorState, sent: np.ndarray | None
     ) -> Measurement:
-        """Return a sample without its torque where no motor gives it, and count that in the trail.
+        """Return a sample without its torque where no motor gives it, and count that.
 
         Where the offset of the torque sensor is declared, the torque may also be off by offset,
         noise and the whole of what was sent, as of a motor that gives none, but not by more.
@@ -296,9 +298,9 @@ class Guards:
             most = np.minimum(most, np.abs(sent) + self.sensed)
         i = int(np.argmax(np.abs(tau) / most))
         if not abs(tau[i]) > most[i]:
-            trail.since[TORQUE] = math.inf
+            monitor.since[TORQUE] = math.inf
             return sample
-        self._bridge(flaw, sample, tau[i], most[i], trail, i)
+        self._bridge(flaw, sample, tau[i], most[i], monitor, i)
         return sample._replace(tau=None)
 
     def bridge_frame(
@@ -307,9 +309,9 @@ class Guards:
         error: np.ndarray,
         X: np.ndarray,
         a_k: np.ndarray,
-        trail: Trail,
-    ) -> tuple[Measurement, Trail]:
-        """Return a sample without a frame that does not follow, and the trail, where it counts.
+        monitor: MonitorState,
+    ) -> tuple[Measurement, MonitorState]:
+        """Return a sample without a frame that does not follow, and the state, where it counts.
 
         The estimate a_k (p) [m] has the prediction error (m_p) [m], with the regressor X (m_p, p).
 
@@ -319,14 +321,16 @@ class Guards:
         if self.frames is None:
             size, bound, fit = float(np.linalg.norm(error)), self.farthest, None
         else:
-            size, bound, fit = self.frames.after(trail, X, a_k, error)
+            size, bound, fit = self.frames.after(monitor, X, a_k, error)
         if size > bound:
-            self._bridge(_MOVED, sample, size, bound, trail)
-            return sample._replace(x=None, x_time=None, xd=None), trail
-        trail.since[FRAME] = math.inf
-        return sample, trail if fit is trail.fit else trail._replace(fit=fit)
+            self._bridge(_MOVED, sample, size, bound, monitor)
+            return sample._replace(x=None, x_time=None, xd=None), monitor
+        monitor.since[FRAME] = math.inf
+        return sample, monitor if fit is monitor.fit else monitor._replace(fit=fit)
 
-    def check_turn(self, sample: Measurement, kinematics: TaskKinematics, trail: Trail) -> None:
+    def check_turn(
+        self, sample: Measurement, kinematics: TaskKinematics, monitor: MonitorState
+    ) -> None:
         """Refuse a first orientation far from that of the estimated kinematics.
 
         Raises:
@@ -337,7 +341,7 @@ class Guards:
         error = kinematics.task.error(sample.x, kinematics.x_hat)[kinematics.positions :]
         turn = float(np.linalg.norm(error))
         if turn > _AWRY:
-            self._bridge(_TURNED, sample, turn, _AWRY, trail, at_once=True)
+            self._bridge(_TURNED, sample, turn, _AWRY, monitor, at_once=True)
 
     def check_momentum(
         self,
@@ -345,7 +349,7 @@ class Guards:
         residual: np.ndarray,
         torque: np.ndarray,
         limits: np.ndarray,
-        trail: Trail,
+        monitor: MonitorState,
     ) -> None:
         """Refuse a motion that shows more torque beside the motors than they have.
 
@@ -358,7 +362,7 @@ class Guards:
                 was sent [N m or N].
             torque: (n) that was sent, low-passed [N m or N].
             limits: (n) of the torque [N m or N].
-            trail: of the sample.
+            monitor: of the sample.
 
         Raises:
             ImplausibleError: it does.
@@ -370,7 +374,7 @@ class Guards:
         moving &= (residual + torque - gravity) * residual > _MOVING * residual**2
         if moving.any():
             i = int(np.argmax(moving))
-            self._bridge(_AGAINST, sample, residual[i], limits[i], trail, i, at_once=True)
+            self._bridge(_AGAINST, sample, residual[i], limits[i], monitor, i, at_once=True)
 
     def _bridge(
         self,
@@ -378,7 +382,7 @@ class Guards:
         sample: Measurement,
         residual: float,
         bound: float,
-        trail: Trail,
+        monitor: MonitorState,
         joint: int | None = None,
         at_once: bool = False,
     ) -> None:
@@ -388,7 +392,7 @@ class Guards:
             ImplausibleError: with the residual and its bound.
         """
         channel, name, words, guess, guard = flaw
-        if not trail.lasts(channel) and not at_once:
+        if not monitor.lasts(channel) and not at_once:
             return
         where, hint = f"against the model, [{'rad' if flaw is _TURNED else 'm'}]", ""
         if joint is not None:

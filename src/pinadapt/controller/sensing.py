@@ -19,7 +19,7 @@ from ..robot.motors import Compensation
 from ..robot.robot import Robot
 from . import clock
 from .first_samples import FirstSamples, make_first_samples
-from .residuals import TIME, Guards, make_guards, new_trail
+from .residuals import TIME, Guards, make_guards, new_monitor
 
 GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
 
@@ -55,12 +55,12 @@ class Senses:
         Raises:
             ImplausibleError: this robot cannot be there.
         """
-        measurement, trail = measurement._replace(x_time=None), new_trail(measurement.v)
-        before = SensedState(measurement.q, measurement.v, trail=trail)
+        measurement, monitor = measurement._replace(x_time=None), new_monitor(measurement.v)
+        before = SensedState(measurement.q, measurement.v, monitor=monitor)
         sensed = self.read(before, measurement.t, measurement, kinematics, a_k)[0]
-        self.guards.check_turn(measurement, kinematics, trail)
+        self.guards.check_turn(measurement, kinematics, monitor)
         first = None if self.first is None else self.first.init()
-        return sensed._replace(first=first, trail=trail)
+        return sensed._replace(first=first, monitor=monitor)
 
     def read(
         self,
@@ -98,18 +98,18 @@ class Senses:
         t, q, v, x, x_time, _, _, tau, _ = measurement
         if dt is not ...:
             elapsed, since = clock.elapsed(t_before, t, dt, period, self.timed)
-        answer, q, v, trail = guards.joints(before, q, v, since)
+        answer, q, v, monitor = guards.check_joints(before, q, v, since)
         if answer == 2:
-            guards.bridge_joints(measurement, trail)
+            guards.bridge_joints(measurement, monitor)
         if dt is not ...:
-            if elapsed or not before.trail.begun:
-                trail.since[TIME], elapsed = math.inf, elapsed or dt
+            if elapsed or not before.monitor.begun:
+                monitor.since[TIME], elapsed = math.inf, elapsed or dt
             else:
-                clock.stood(trail, t, min(dt, period))
+                clock.stood(monitor, t, min(dt, period))
             if tau is not None:
-                measurement = guards.bridge_torque(measurement, trail, sent)
+                measurement = guards.bridge_torque(measurement, monitor, sent)
             if first is not None and self.first is not None:
-                mean = 0.5 * (v + before.trail.joints[kernels.RATE])
+                mean = 0.5 * (v + before.monitor.joints[kernels.RATE])
                 first = self.first.after(first, q, mean, since)
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
@@ -122,24 +122,24 @@ class Senses:
         x, epsilon, X_k, frame, _ = found
         if kinematics.positions and seen:
             if not late or frame is not before.frame:
-                measurement, trail = guards.bridge_frame(measurement, epsilon, X_k, a_k, trail)
+                measurement, monitor = guards.bridge_frame(measurement, epsilon, X_k, a_k, monitor)
             if measurement.x is None:
                 found = self.compensator.update(*follow, None, None, kinematics)
-        sensed = SensedState(q, v, *found, first, trail)
+        sensed = SensedState(q, v, *found, first, monitor)
         return sensed, answer == 1, measurement, elapsed
 
-    def believed(
+    def fallback(
         self, before: SensedState, sample: Measurement | None, dt: float, decay: float
     ) -> SensedState:
-        """Return the plausible q and v at a sample, whatever is wrong with it; None: there is none.
+        """Return the plausible q and v of a sample in which anything may be wrong; None: none came.
 
-        The way of each joint since the first such sample is in the trail, and for how long nothing
-        of it was used. Without either, the velocity decays at a rate [1/s].
+        The monitor has the way of each joint since the first such sample, and for how long nothing
+        of it was used. Without q and v, the velocity decays at a rate [1/s].
         """
         q = _numbers(None if sample is None else sample.q, before.q.size)
         v = _numbers(None if sample is None else sample.v, before.v.size)
-        _, q, v, trail = self.guards.joints(before, q, v, dt, decay)
-        return before._replace(q=q, v=v, trail=trail)
+        _, q, v, monitor = self.guards.check_joints(before, q, v, dt, decay)
+        return before._replace(q=q, v=v, monitor=monitor)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:

@@ -28,7 +28,7 @@ from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
 from ..signals import Signals
 from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
-from .controller import Controller, believed
+from .controller import Controller, predicted_at_rest
 from .governor import PathTime
 from .residuals import Guards
 from .sensing import Senses
@@ -279,7 +279,7 @@ class SlowStart(Controller):
             return None
         a_k, information, uncertain = known
         before = state.sensed._replace(x=np.array(measurement.x, dtype=float))
-        sensed = believed(before, self.kinematics, a_k)
+        sensed = predicted_at_rest(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(
             kinematic=self.adaptation_k.init(a_k, information),

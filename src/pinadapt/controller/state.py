@@ -94,7 +94,7 @@ class ControllerState(NamedTuple):
     @property
     def bridged(self) -> Bridged:
         """How many samples were replaced by a prediction since the start."""
-        return Bridged(*self.sensed.trail.bridged)
+        return Bridged(*self.sensed.monitor.bridged)
 
     @property
     def unseen(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        return self.sensed.trail.joints[kernels.UNSEEN] > LASTS
+        return self.sensed.monitor.joints[kernels.UNSEEN] > LASTS
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.

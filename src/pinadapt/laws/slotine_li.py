@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ..exceptions import GainError
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..signals import Signals
 from .adaptive_jacobian import AdaptiveJacobian
@@ -59,6 +60,17 @@ class SlotineLi(AdaptiveJacobian):
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
         return {"Kv": 2.0 * w * joint_inertia(motion.robot), "alpha": w / 2.0}
+
+    @classmethod
+    def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> SlotineLi:
+        """Return the law with its default gains; see ``Law.tuned``.
+
+        Raises:
+            GainError: K_P is given.
+        """
+        if given.get("Kp") is not None:
+            raise GainError("the law 'slotine-li' has none: K_P is alpha Kv.", where="Kp")
+        return super().tuned(motion, dt, share, **given)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""

@@ -67,7 +67,7 @@ class SensedState(NamedTuple):
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
-        trail: of the samples, with which the next one is compared, see ``Trail``.
+        monitor: of the samples, with which the next one is compared, see ``MonitorState``.
     """
 
     q: np.ndarray
@@ -78,7 +78,7 @@ class SensedState(NamedTuple):
     frame: Frame | None = None
     history: History = ()
     first: Any = None
-    trail: Any = None
+    monitor: Any = None
 
 
 @dataclass(frozen=True)

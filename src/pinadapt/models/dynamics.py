@@ -242,6 +242,8 @@ class StackedDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
+        if a_d.shape != (self.size,):
+            raise ParameterError(f"expected {self.size} numbers, got {a_d.shape}.", where="a_d")
         size = self._inertial.size
         self._values.put(self._places, a_d[size:])
         self._inertial.load(a_d[:size])

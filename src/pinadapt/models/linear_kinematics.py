@@ -247,6 +247,8 @@ class LinearKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+        if a_k.size != self.size:
+            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
         y, self.J, self.xd_hat, self.Jdot_v, X, self.Y_k = self._now.update(a_k, q, v)
         self.a_k, self._v, self._y = a_k, v, y
         self.p_hat, self.X_k = (y[:3], X[:3]) if self._of_pose else (y, X)

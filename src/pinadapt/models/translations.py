@@ -84,19 +84,23 @@ def unknown_translations(robot: Robot, unknown: Words) -> list[Translation]:
             "base" (the translation of the first joint: the base in the camera's frame).
 
     Raises:
-        ParameterError: a translation without effect on the frame, or a length of zero, which has
-            no direction.
+        ParameterError: one that occurs twice or has no effect on the frame, or a length of zero,
+            which has no direction.
         RobotError: unknown joint.
     """
     words: list[str | Translation] = []
     for word in [unknown] if isinstance(unknown, str) else unknown:
         words += _all_lengths(robot) if word == LENGTHS else [word]
-    return [
+    parts = [
         _translation(robot, word)
         if isinstance(word, str)
         else instance(word, Translation, "unknown.translations", ParameterError)
         for word in words
     ]
+    names = [part.name for part in parts]
+    if len(set(names)) != len(names):
+        raise ParameterError(f"one occurs twice in {names}.", where="unknown.translations")
+    return parts
 
 
 def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:

@@ -231,6 +231,7 @@ class ProcessArm(Arm):
         *,
         sensors: Sensors | None = None,
         scheduling: Scheduling = ORDINARY,
+        timeout: float = 1.0,
     ) -> None:
         """Start the process.
 
@@ -240,13 +241,14 @@ class ProcessArm(Arm):
             period: of the plant's cycle [s].
             sensors: through which it is seen; None for perfect ones.
             scheduling: of the process, as far as the system allows it.
+            timeout: for the next measurement [s].
 
         Raises:
             ArmError: the process does not start.
         """
         options = {"period": period, "sensors": sensors}
         self._process, self._link, facts = start_process(_serve, make, options, scheduling)
-        self.pid = self._process.pid
+        self.pid, self._timeout = self._process.pid, timeout
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -262,8 +264,8 @@ class ProcessArm(Arm):
         """
         name = self.facts.name
         try:
-            if not self._link.poll(1.0):
-                raise ArmError("no measurement came for 1 s.", where=name)
+            if not self._link.poll(self._timeout):
+                raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
             newest: Measurement = self._link.recv()
             while self._link.poll():
                 newest = self._link.recv()

@@ -163,6 +163,8 @@ class FrankaArm(Arm):
             ArmError: as ``read``.
             InputError: not seven finite numbers.
         """
+        if self._control is None:  # it has stopped
+            return
         given = vector(torque, len(TORQUE), "torque", fills=False)
         with self._talking():
             self._control.writeOnce(self._vendor.Torques(given.tolist()))

@@ -83,6 +83,7 @@ class MoteusArm(Arm):
         channel: str = "can0",
         period: float = 2e-3,
         timeout: float = 1e-2,
+        silence: float = 0.1,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Open the bus; nothing moves.
@@ -94,6 +95,7 @@ class MoteusArm(Arm):
             channel: of the interface.
             period: of the loop [s].
             timeout: for the replies of a cycle [s].
+            silence: time without a torque after which the motors stop by themselves [s].
             clock: of the measurements.
 
         Raises:
@@ -110,7 +112,7 @@ class MoteusArm(Arm):
             )
         self.motors = [motors[of.index(name)] for name in names]
         self._can, self._moteus, self._clock = can, moteus, clock
-        self._timeout = positive(timeout, "timeout")
+        self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
         self.facts = ArmFacts.of(
             robot,
             name=f"motors at {channel}",
@@ -224,7 +226,7 @@ class MoteusArm(Arm):
                     feedforward_torque=each,
                     kp_scale=0.0,
                     kd_scale=0.0,
-                    watchdog_timeout=0.1,  # [s]
+                    watchdog_timeout=self._silence,
                 )
                 self._bus.send(self._message(command))
         except self._can.CanError as error:

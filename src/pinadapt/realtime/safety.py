@@ -274,13 +274,15 @@ class Checklist:
         return np.clip(-self._mean, -0.5 * self.limit, 0.5 * self.limit)
 
 
-@np.errstate(over="ignore")  # a limit beyond the largest float is none
+@np.errstate(over="ignore", invalid="ignore")  # a limit beyond the largest float is none
 def limited_torque(
     torque: np.ndarray, limit: np.ndarray, before: np.ndarray, change: np.ndarray
 ) -> np.ndarray:
-    """Return a finite torque within its limits and, inside them, within a change of the last.
+    """Return a torque within its limits and, inside them, within a change of the last; all (n).
 
-    All are of n joints.
+    NaN becomes 0, and a last torque that is NaN limits no change.
     """
-    last = np.clip(before, -limit, limit)
-    return np.clip(np.clip(torque, last - change, last + change), -limit, limit)
+    x = np.where(np.isnan(torque), 0.0, torque)
+    last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
+    near = np.fmin(np.fmax(x, last - change), last + change)  # NaN, of two infinities, is no bound
+    return np.clip(near, -limit, limit)

@@ -140,7 +140,9 @@ def load(
     named: list[str | None] = [*name_list(frames, "frames", RobotError)]
     if frame is not None and named:
         raise RobotError("give one frame, or several, not both.", where="frames")
-    frame, *others = [*dict.fromkeys(named)] or [frame]
+    if len(set(named)) != len(named):
+        raise RobotError(f"one is given twice in {named}.", where="frames")
+    frame, *others = named or [frame]
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',

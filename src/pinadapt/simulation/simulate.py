@@ -158,9 +158,9 @@ def simulate(
         found = wiggled(plant, controller, dt, simulated)
         start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, start)
-    believed = controller.kinematics.seen(state.a_k)
-    if not believed.constraints:
-        trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
+    estimated = controller.kinematics.seen(state.a_k)
+    if not estimated.constraints:
+        trajectory = starting_from(trajectory, estimated, plant.measure(), duration=duration)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)
     options: dict[str, Any] = {

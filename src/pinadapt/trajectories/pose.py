@@ -68,7 +68,9 @@ class Swing(Trajectory):
                 positive, an axis of length zero, or a quaternion that is not of length 1.
         """
         direction = vector(axis, 3, "orientation.axis", fills=False)
-        self.axis = direction / positive(np.linalg.norm(direction), "orientation.axis")
+        if not direction.any():
+            raise InputError("an axis needs a direction, got zeros.", where="orientation.axis")
+        self.axis = direction / np.linalg.norm(direction)
         self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
         self.period = positive(period, "orientation.period")
         self.phase = float(vector(phase, 1, "orientation.phase")[0])

@@ -378,9 +378,11 @@ class SlowedTime(TimeLaw):
         """Take the factor and its cause.
 
         Raises:
-            InputError: it is not positive.
+            InputError: it is below 1.
         """
         self.slowness, self.cause = positive(slowness, "slowness", error=InputError), cause
+        if self.slowness < 1.0:
+            raise InputError(f"must be at least 1, got {slowness}.", where="slowness")
 
     def __repr__(self) -> str:
         """Return how much and why the motion is slower."""

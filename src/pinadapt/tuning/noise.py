@@ -158,8 +158,15 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
             size = _of_velocity(tuning, 1e-3 * tuning.bandwidth, "modifications.e1")
             adaptation = ErrorLeak(adaptation, 0.2 if gain is None else gain, size)  # [1/s]
         elif name == "dead-zone":
+            where = "modifications.dead-zone"
+            if gain is None and not tuning.jitter:
+                raise GainError(
+                    "no noise of the joint velocity is known, from which the size follows.",
+                    where=where,
+                    hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
+                )
             if gain is None:  # three standard deviations of the velocity behind its low pass
-                gain = _of_velocity(tuning, 3.0 * tuning.jitter, "modifications.dead-zone")
+                gain = _of_velocity(tuning, 3.0 * tuning.jitter, where)
             adaptation = DeadZone(adaptation, gain)
         else:
             share = 1.0 if gain is None else positive(gain, "modifications.normalised")
