@@ -57,8 +57,8 @@ _WIDE = 0.5  # of the reach: bounds of a translation, but of the base
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
     """Return orthonormal directions (6, 6) of a joint's displacement, and which one is its own.
 
-    They are the axes of the joint frame, shifts before turns, but for the own one; where the
-    joint's axis is none of these, they are turned such that the last one is.
+    Three translations and three rotations along the axes of the joint frame. A frame whose axes
+    do not contain the joint's axis is turned so that its z axis is that of the joint.
     """
     axis = axis_of(model, joint)
     k = int(np.argmax(np.abs(axis)))

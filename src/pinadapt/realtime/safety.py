@@ -267,7 +267,7 @@ class Checklist:
 
     @property
     def unexplained(self) -> np.ndarray:
-        """The torque (n) [N m or N] that holds, beside the model, what it does not know of.
+        """The torque (n) [N m or N] to add to the model's against the mean residual.
 
         At most half of the limits.
         """
