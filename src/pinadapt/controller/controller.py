@@ -268,7 +268,7 @@ class Controller:
                 where="motion",
                 hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
             )
-        return (state.path or PathTime()).desired(motion, t)
+        return motion.at(t) if state.path is None else state.path.desired(motion, t)
 
     def announce(
         self,
@@ -327,11 +327,11 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        return state._replace(
-            dynamic=self.adaptation_d.recorded(state.dynamic),
-            kinematic=self.adaptation_k.recorded(state.kinematic),
-            torque_filter=(),
-        )
+        dynamic = self.adaptation_d.recorded(state.dynamic)
+        kinematic = self.adaptation_k.recorded(state.kinematic)
+        if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
+            return state
+        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
 
     def disturbance(self, state: ControllerState) -> np.ndarray | None:
         """Return the torque (n) that acts on the joints and is not in the model [N m or N].
@@ -512,8 +512,8 @@ class Controller:
     ) -> PathTime:
         """Return the time of the path after the elapsed time [s], or its derivative for None."""
         governor = self.limits.governor
-        if governor is None:  # a ``SlowStart`` has a path without one
-            return path
+        if governor is None:  # as in a ``SlowStart``, whose path has its own rate
+            return path if elapsed is not None else PathTime(0.0, 0.0)
         age = 0.0 if sensed.frame is None else s.t - sensed.frame.t
         target, cause = governor.target(path, s.dx, s.q, (s.xd_d, s.xdd_d), s.inverse, torque, age)
         if elapsed is None:

@@ -59,6 +59,7 @@ class Dynamics:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
         self._model: InertialModel | VirtualChains = InertialModel(robot.model)
         self._armature = np.array(robot.model.armature)
+        self._rotors = bool(self._armature.any())  # not where they are those of the joints' block
         self._pi = inertial_parameters(robot.model)
         self.B, self._known = B, known
         self.size = self._pi.size if B is None else B.shape[1]
@@ -117,7 +118,10 @@ class Dynamics:
         bodies and rotors count.
         """
         Y = self._model.slotine_li(q, v, v_r, a_r)
-        return self._reduce(Y), Y.dot(self._pi) + self._armature * a_r
+        tau = Y.dot(self._pi)
+        if self._rotors:
+            tau += self._armature * a_r
+        return self._reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a remainder, both without acceleration.
@@ -126,7 +130,7 @@ class Dynamics:
         estimate. See ``Regressor`` for the source.
         """
         Y_M, Y_0 = self._model.momentum(q, v)
-        p_0, tau_0 = self._armature * v, np.zeros(v.size)
+        p_0, tau_0 = self._armature * v if self._rotors else np.zeros(v.size), np.zeros(v.size)
         if self._known is not None:
             p_0, tau_0 = p_0 + Y_M.dot(self._known), Y_0.dot(self._known)
         return Momentum(self._reduce(Y_M), self._reduce(Y_0), p_0, tau_0)

@@ -160,7 +160,7 @@ class SimulatedPlant(Plant):
         tau = np.asarray(self.motors(torque), dtype=float)
         if tau.shape != (self.nv,):
             raise InputError(f"expected {self.nv} numbers, got {tau.shape}.", where="torque")
-        if not np.isfinite(tau).all():
+        if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():  # the first is quick
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold(tau, dt)
