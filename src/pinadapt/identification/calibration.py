@@ -137,7 +137,9 @@ class Calibration(Printed):
         rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
         end = f".{_OWN}"
         return {
-            name[: -len(end)]: (value, known) for name, value, known in rows if name.endswith(end)
+            name.removesuffix(end): (value, known)
+            for name, value, known in rows
+            if name.endswith(end)
         }
 
     @property
@@ -553,19 +555,18 @@ def _fitted(
         LogError: too few frames, or too many that do not fit.
     """
     prior, m = geometry.unknown.prior, seen.task.size
-    groups = [group.rows for group in seen.task.groups]
-    least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
+    least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: m // 3]
 
     def fit() -> tuple[np.ndarray, ...]:
         """Return the equations at the placements as they are."""
         r, W = geometry.rows(seen)
-        squares = np.column_stack([np.mean(r[:, part] ** 2, axis=1) for part in groups])
+        squares = np.mean(r.reshape(len(r), -1, 3) ** 2, axis=2)
         most = np.maximum(_OUTLIER**2 * np.median(squares, axis=0), least**2)
         kept = (squares <= most).all(axis=1) | (known is not None)
         noise = np.maximum(
             np.sqrt(np.mean(squares[kept], axis=0)) if known is None else known, least
         )
-        sigma = np.repeat(noise, [part.stop - part.start for part in groups])
+        sigma = np.repeat(noise, 3)
         rows, left = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior)), r[kept] / sigma
         squared = np.linalg.svd(rows, compute_uv=False) ** 2
         rank = float(np.sum(squared / (1.0 + squared)))
@@ -620,5 +621,5 @@ def _identified(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
     r, _ = geometry.rows(seen)
-    distances, *turns = (np.linalg.norm(r[:, group.rows], axis=1) for group in seen.task.groups)
+    distances, *turns = np.linalg.norm(r.reshape(len(r), -1, 3), axis=2).T
     return FrameErrors(rms(distances), float(distances.max()), rms(turns[0]) if turns else None)

@@ -186,7 +186,7 @@ class Identification(Printed):
         plain = self._load_of(self.dynamic)
         if not gain:
             return plain
-        windows = self.windows.between(-np.inf, self.split) if self.tested else self.windows
+        windows = self.windows.between(last=self.split) if self.tested else self.windows
         names, a = self.dynamic.names, self.dynamic.estimate
         found = torque_information(names, a, windows, self.stated, gain=gain)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
@@ -232,7 +232,7 @@ class Identification(Printed):
             nominal_dynamics(robot, nothing, ()),
             constraints,
         )
-        return np.asarray(rms(windows.between(self.split, np.inf).y, 0))
+        return np.asarray(rms(windows.between(self.split).y, 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
@@ -272,7 +272,7 @@ class Identification(Printed):
     @cached_property
     def position_errors(self) -> Errors | None:
         """Errors of the positions (m) [m], or None where no translation was estimated."""
-        if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
+        if not len(self.rows.between(self.split).t) or not self.kinematic.names:
             return None
         return self._errors(
             self.rows, self.controller.kinematics.initial, self.position_before_split
@@ -280,7 +280,7 @@ class Identification(Printed):
 
     def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
         """Return the errors of two parameters (p) in the held-out part."""
-        last = windows.between(self.split, np.inf)
+        last = windows.between(self.split)
         size, before, after = (
             rms(part, 0) for part in (windows.tau, last.residual(described), last.residual(learned))
         )
@@ -354,14 +354,13 @@ class Identification(Printed):
     def _record(self) -> dict[str, Any]:
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
-        signals = np.hstack(list(log.signals().values()))
         return {
             "verdict": self.verdict,
             "log": log.source,
             "robot": self.described.name,
             "joint_names": self.described.joint_names,
             "samples": len(log.t),
-            "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
+            "left_out": int(np.count_nonzero(~log.finite)),
             "duration": log.duration,
             "velocities": "from the positions" if self.motion.smoothed else "as measured",
             "windows": len(self.windows.t),
