@@ -206,7 +206,7 @@ def load_fit(
         ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
     size = dynamics.inertial.size
-    if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
+    if robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
@@ -363,4 +363,4 @@ class Windows(NamedTuple):
 
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""
-        return np.asarray(self.y - self.W @ a)
+        return self.y - self.W @ a

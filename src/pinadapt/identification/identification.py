@@ -269,17 +269,17 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
     Raises:
         LogError: one does.
     """
-    constraints, t, nowhere = robot.constrained, motion.t, np.zeros((0, 3))
-    footing = nowhere
-    for k, step in enumerate(np.diff(t, prepend=t[0]).tolist() if robot.contacts else ()):
-        constraints.at(motion.q[k], motion.v[k])
-        if step >= _PAUSE:  # another log
-            footing, step = nowhere, 0.0
-        footing, moved = constraints.footing(footing, None, step)
+    constraints, footing = robot.constrained, np.zeros((0, 3))
+    steps = np.diff(motion.t, prepend=motion.t[0])
+    samples = zip(motion.t, steps, motion.q, motion.v, strict=True)
+    for t, step, q, v in samples if robot.contacts else ():
+        constraints.at(q, v)
+        before = footing[:0] if step >= _PAUSE else footing  # of the same log
+        footing, moved = constraints.footing(before, None, step)
         if moved.max() > SLIP:
             frame = robot.contacts[int(moved.argmax())].frame
             raise LogError(
-                f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t[k]:.3g} s.",
+                f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t:.3g} s.",
                 where="q",
                 hint="pa.Estimator is told which contacts stand, sample by sample.",
             )
@@ -305,10 +305,8 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     added = compensation_of(robot, intake.compensated)
     if added is None:
         return log, robot
-    q, tau = log.configurations(robot), log.tau.copy()
-    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
-        tau[k] += added(q[k])
-    return replace(log, tau=tau), robot
+    missing = np.array([added(q) for q in log.configurations(robot)])
+    return replace(log, tau=log.tau + missing), robot
 
 
 def _frames_and_task(
@@ -316,7 +314,7 @@ def _frames_and_task(
 ) -> tuple[tuple[np.ndarray, np.ndarray], Robot]:
     """Return the frames of a log and the robot; with a joint task if there are no frames.
 
-    They are times (M) [s], ascending, and coordinates of the task (M, m).
+    They are times (M) [s], and coordinates of the task (M, m).
 
     Raises:
         LogError: coordinates that the task does not have.
@@ -335,8 +333,7 @@ def _frames_and_task(
                 hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, "
                 'qw; a robot is loaded with task = "xyz" or "pose".',
             )
-        order = np.argsort(t, kind="stable")
-        return (t[order], x[order]), robot
+        return (t, x), robot
     if unknown.translation_words(tool=False):
         raise ParameterError(
             "the log has no positions of the task frame, so no translations can be identified.",

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, cell, html_page, whole_file, write_json, write_text
+from .._output import Printed, Report, Table, cell, html_page, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -457,8 +457,7 @@ class Identification(Printed):
         """
         folder = Path(folder)
         for name, figure in vars(self.plot()).items():
-            with whole_file(folder / f"{name}.png") as file:
-                file.write(figure.png(dpi=130))
+            write_text(folder / f"{name}.png", figure.png(dpi=130))
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
         write_text(folder / "intake.toml", self.intake.text([about]))

@@ -207,7 +207,7 @@ class ImportOptions:
         if set(names) <= set(log.joints) or not (log.joints and self.joints):
             log = log.of(robot)
         for signal, own in self._joint_lists.items():
-            if len(set(own)) != len(own) or len(own) != len(names):
+            if not len(set(own)) == len(own) == len(names):
                 raise LogError(
                     f"expected a joint of the log for each of {names}, got {own}.",
                     where="intake.joints",

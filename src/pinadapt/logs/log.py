@@ -212,7 +212,7 @@ def repeated(log: Log) -> np.ndarray:
     rows = np.hstack(list(log.signals().values()))
     same = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
     rests = np.append(same[1:], [False]) & np.append(same[2:], [False, False])
-    return np.asarray(late | (same & ~rests))
+    return late | (same & ~rests)
 
 
 def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
