@@ -27,6 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import flag, instance, positive
+from ..controller.inputs import InputCheck
 from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ImplausibleError, MeasurementError
 from ..information.information import rms
@@ -36,6 +37,7 @@ from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
+from ..models.task_kinematics import JointKinematics
 from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -268,7 +270,7 @@ class Estimator:
             InputError: words that cannot be used, or parameters that are not of bodies.
         """
         self.robot = instance(robot, Robot, "robot").undrawn()
-        self._constraints = robot.constrained
+        self._constraints, self._inputs = robot.constrained, InputCheck(JointKinematics(robot), 0)
         self.length = max(LENGTH, FEWEST * positive(period, "period"))
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
@@ -477,16 +479,15 @@ class Estimator:
         return Window(weight[:, None] * found[:, :-3], weight * (tau - known), weight * tau)
 
     def _checked(self, measurement: Measurement) -> Measurement:
-        """Return a measurement as arrays of finite floats."""
+        """Return a measurement as new arrays of finite floats."""
         instance(measurement, Measurement, "measurement")
-        t, q, v, *_, tau, _ = measurement
-        nq, nv = (self.robot.model.nq,), (self.robot.model.nv,)
-        v = np.zeros(nv) if v is None and self._count > 1 else v
-        for name, value, shape in (("t", t, ()), ("q", q, nq), ("v", v, nv), ("tau", tau, nv)):
-            if value is None or np.shape(value) != shape or not np.isfinite(value).all():
-                raise MeasurementError(name, value, f"must be finite, of shape {shape}")
-        q, v, tau = (np.array(part, dtype=float) for part in (q, v, tau))
-        return Measurement(float(t), q, v, tau=tau)
+        if measurement.v is None and self._count > 1:
+            measurement = measurement._replace(v=np.zeros(self.robot.model.nv))
+        found = self._inputs.measurement(measurement)
+        self._inputs.finite(found)
+        if found.tau is None:
+            raise MeasurementError("tau", None, "is missing")
+        return found._replace(tau=self._inputs.torque(found.tau))
 
     def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
         """Return the middle sample, on cubics through the positions around it."""
