@@ -252,9 +252,9 @@ def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
     """Return gains or gears as a matrix (n, n); None: one."""
     if given is not None and not isinstance(given, Mapping):
-        given = numbers(given, f"intake.{key}")
-        if given.shape == (len(names), len(names)):
-            return np.asarray(given)
+        whole = numbers(given, f"intake.{key}")
+        if whole.shape == (len(names), len(names)):
+            return whole
     return np.diag(_per_joint(given, names, key, 1.0))
 
 
