@@ -43,7 +43,7 @@ from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import FREE, LIGHT, WEIGHT, lasting_noise, noise_levels
+from .fits import FREE, LIGHT, TINY, WEIGHT, lasting_noise, noise_levels
 from .selection import LEAST_GAIN, with_shafts
 
 # [s] before and after a sample; half and twice: held-out errors of real logs the same to 2 %
@@ -101,8 +101,8 @@ class _Prediction(NamedTuple):
 
     Attributes:
         a: (p) parameters.
-        columns: (c + 1, 1 + p); the equations times the first one are the residual of a window,
-            times the others a root of that residual's covariance.
+        columns: (e, 1 + p); the equations times the first one are the residual of a window, times
+            the others a root of that residual's covariance.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
         windows: that are in it.
@@ -118,13 +118,15 @@ class _Prediction(NamedTuple):
 class EstimatorState(NamedTuple):
     """All that an ``Estimator`` remembers; its arrays are never written.
 
+    Windows have c columns and y; equations have e: c, ten of the load, and y.
+
     Attributes:
         samples: the last ones, as many as positions are smoothed over.
         begin: of the oldest open window [s].
-        sums: over the open windows, the oldest first, of what ``_Rows`` has.
+        sums: (3, n, c + 3) over the open windows, the oldest first.
         last: equations at the last two samples, or middle ones; none: windows begin anew.
         products: of the windows with the present load, one for each joint, of its columns.
-        past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
+        past: (e, e) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
         left: (n) sum of the squared residuals of windows with other loads.
         accepted: windows, those of them with the present load, and refused since the last
@@ -352,10 +354,10 @@ class Estimator:
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         self._moving = ~np.isin(robot.joint_names, BASE_JOINTS)
         # what a state has learned at first
-        none, c = np.zeros(robot.model.nv), len(self._order)
+        none, e = np.zeros(robot.model.nv), len(self._order)
         self._nothing: dict[str, Any] = {
             "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
-            "past": np.zeros((c, c)),
+            "past": np.zeros((e, e)),
             "level": none,
             "left": none,
             "accepted": (0, 0, 0),
@@ -475,7 +477,7 @@ class Estimator:
             a, noise = state.prediction.a, state.prediction.noise
         coulomb = self.robot.friction.coulomb.copy()
         coulomb[self._near] = a[self._rubbing[:, 0]]
-        weight = 1.0 / np.hypot(1.0, rest * coulomb / (noise + np.finfo(float).tiny))
+        weight = 1.0 / np.hypot(1.0, rest * coulomb / (noise + TINY))
         return Window(weight[:, None] * found[:, :-3], weight * (tau - known), weight * tau)
 
     def _checked(self, measurement: Measurement) -> Measurement:
@@ -579,22 +581,24 @@ class Estimator:
         )
         return state._replace(prediction=self._predict(state)) if state.prediction else state
 
-    def _map(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
-        """Return B (c + 1, p + 1): the equations times B are those in parameters near a (p).
+    def _map(self, state: EstimatorState, a: np.ndarray) -> Any:
+        """Return sparse B (e, p + 1): the equations times B are those in parameters near a (p).
 
         With x the share by which friction near rest is larger, dry friction d has the columns
         d (sigma + x sigma exp(-|v| / fading)).
         """
+        from scipy.sparse import csr_array  # here, because scipy is slow to import
+
         B, x, dry = self._B.copy(), a[self._rest, None], a[self._rubbing]
         B[self._fading, self._rubbing] = x
         B[self._fading, self._rest[:, None]] = dry
         B[self._fading, -1] = x * dry  # as the product x d is in both columns
         if state.load is None:
             B[:, self._load] = 0.0
-        return self._under_load(state, a) @ B
+        return csr_array(self._under_load(state, a)) @ csr_array(B)
 
     def _under_load(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
-        """Return S (c + 1, c + 1): the equations times S are linear in load and gears near a (p).
+        """Return S (e, e): the equations times S are linear in load and gears near a (p).
 
         With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
@@ -620,7 +624,7 @@ class Estimator:
         return replace(self._physical, center=center)
 
     def _sums(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
-        """Return the products (c + 1, c + 1) of the windows with the present load."""
+        """Return the products (e, e) of the windows with the present load."""
         M = np.zeros_like(state.past)
         for at, one, size in zip(self._places, state.products, noise, strict=True):
             M[np.ix_(at, at)] += one / size**2
@@ -657,7 +661,7 @@ class Estimator:
             return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
         each = zip(self._each(state.recent), self._left(state, a), strict=True)
         left = np.column_stack([rows @ w for rows, w in each])
-        return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
+        return self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
         """Return the estimate of least squares near the description, with its covariance."""
@@ -769,7 +773,7 @@ def _inverse(M: np.ndarray, T: np.ndarray) -> np.ndarray:
 
 def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A and b with the products M = [A b]^T [A b]."""
-    size = np.sqrt(np.diagonal(M)) + np.finfo(float).tiny
+    size = np.sqrt(np.diagonal(M)) + TINY
     values, vectors = np.linalg.eigh(M / size / size[:, None])
     rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size
     return rows[:, :-1], rows[:, -1]

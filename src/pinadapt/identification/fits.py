@@ -43,6 +43,7 @@ _WEIGHED = 1e-3
 # Deviation of the gain of each torque, for loads. Half and twice: +- 0.09 and +- 0.29 in place of
 # +- 0.16 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
 GAIN = 0.05
+TINY = np.finfo(float).tiny  # added where else something may be divided by zero
 FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 
 
@@ -253,7 +254,7 @@ def load_fit(
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = np.maximum(rms(tau, 0), np.finfo(float).tiny)
+    level = np.maximum(rms(tau, 0), TINY)
     return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
 
 

@@ -37,7 +37,7 @@ from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate as OnlineEstimate
 from .estimator import Estimator
-from .fits import GAIN, Windows, lasting_noise, torque_information
+from .fits import GAIN, TINY, Windows, lasting_noise, torque_information
 from .selection import ChosenEffects
 from .torque_check import HEAVIEST, TorqueCheck
 
@@ -245,7 +245,7 @@ class Identification(Printed):
         windows, a = self.windows, self.dynamic.estimate
         left = windows.residual(a)
         rate = CubicSpline(windows.t, windows.tau - left)(windows.t, 1)
-        return lateness(a, windows.W, left, rate, lasting_noise(left) + np.finfo(float).tiny)
+        return lateness(a, windows.W, left, rate, lasting_noise(left) + TINY)
 
     def _notes(self) -> Iterator[str]:
         """Yield what a user should look at: another clock, bodies or a load that cannot be."""
