@@ -378,7 +378,7 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
         """
         sums = np.zeros((OVERLAP, self.robot.model.nv, self._columns + 3))
-        if self._held and measurement.tau is None:
+        if self._held and instance(measurement, Measurement, "measurement").tau is None:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
         return self._advance(
