@@ -247,13 +247,10 @@ class ProcessArm(Arm):
             ArmError: the process does not start.
         """
         options = {"period": period, "sensors": sensors}
-        self._process, self._link, facts = start_process(_serve, make, options, scheduling)
+        failure = ArmError("the process of the plant has not started.", where="plant", hint=MAIN)
+        arguments = failure, make, options, scheduling
+        self._process, self._link, facts = start_process(_serve, *arguments)
         self.pid, self._timeout = self._process.pid, timeout
-        if not isinstance(facts, ArmFacts):
-            self.close()
-            raise facts or ArmError(
-                "the process of the plant has not started.", where="plant", hint=MAIN
-            )
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:

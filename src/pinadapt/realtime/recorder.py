@@ -143,21 +143,6 @@ class Recorder:
         self.path, self.trouble = Path(path), ""
         if port is not None:
             whole(port, "port", 0, most=2**16 - 1)
-        server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if server is not None:
-                server.bind(("127.0.0.1", port))
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.write_bytes(b"")
-        except OSError as error:
-            if server is not None:
-                server.close()
-            raise InputError(
-                f"log or port {port} cannot be used: {error.strerror or error}.",
-                where=str(path),
-                hint="Choose another file by --log, and another port, or 0 for any.",
-            ) from error
-        self.port: int | None = None if server is None else server.getsockname()[1]
         about = {
             "version": __version__,
             "robot": kinematics.robot.name,
@@ -174,14 +159,10 @@ class Recorder:
         shared = context.RawArray("b", size), context.RawArray("Q", 2)
         self._ring, self._counts = _views(shared, about)
         self._count = 0
-        arguments = shared, about, self.path, server, dict(translate or {})
-        self._process, self._link, ready = start_process(_serve, *arguments)
+        failure = InputError("the process of the log has not started.", where=str(path), hint=MAIN)
+        arguments = failure, shared, about, self.path, port, dict(translate or {})
+        self._process, self._link, self.port = start_process(_serve, *arguments)
         self.pid = self._process.pid
-        if server is not None:
-            server.close()
-        if not ready:
-            self.close()
-            raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
 
     def record(self, cycle: Mapping[str, Any]) -> None:
         """Hand on the record of a cycle; a full ring drops it, and says so.
@@ -238,7 +219,11 @@ def _views(shared: tuple[Any, Any], about: Mapping[str, str]) -> tuple[np.ndarra
 
 
 class _LogProcess:
-    """What the process beside the loop does."""
+    """What the process beside the loop does.
+
+    Attributes:
+        port: at which it answers, or None.
+    """
 
     def __init__(
         self,
@@ -246,11 +231,24 @@ class _LogProcess:
         shared: tuple[Any, Any],
         about: dict[str, str],
         path: Path,
-        server: socket.socket | None,
+        port: int | None,
         translate: dict[str, Translator],
     ) -> None:
+        self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if port is not None:
+                self._server.bind(("127.0.0.1", port))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("wb")
+        except OSError as error:
+            raise InputError(
+                f"log or port {port} cannot be used: {error.strerror or error}.",
+                where=str(path),
+                hint="Choose another file by --log, and another port, or 0 for any.",
+            ) from error
+        self.port = None if port is None else self._server.getsockname()[1]
         self._ring, self._counts = _views(shared, about)
-        self._link, self._server = link, server
+        self._link = link
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
@@ -258,7 +256,6 @@ class _LogProcess:
         self._messages = deque[str](maxlen=20)
         from mcap.writer import CompressionType, Writer
 
-        self._file = path.open("wb")
         chunk = int(self._ring.itemsize * _CHUNK / float(about["period"]))
         self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
@@ -272,7 +269,7 @@ class _LogProcess:
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited: list[Any] = [self._link, self._server] if self._server else [self._link]
+        waited: list[Any] = [self._link, self._server]
         said: dict[str, Any] | None = {}
         while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]
@@ -336,7 +333,6 @@ class _LogProcess:
 
     def _answer(self) -> None:
         """Answer one datagram."""
-        assert self._server is not None
         with suppress(OSError):
             said, sender = self._server.recvfrom(1 << 16)
             try:
@@ -374,8 +370,12 @@ class _LogProcess:
 def _serve(link: Connection, *arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    process = _LogProcess(link, *arguments)
-    link.send(True)
+    try:
+        process = _LogProcess(link, *arguments)
+    except InputError as refusal:
+        link.send(refusal)
+        return
+    link.send(process.port)
     process.run()
 
 
