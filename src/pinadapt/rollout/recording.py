@@ -52,17 +52,9 @@ class Evaluation(NamedTuple):
             raise ParameterError("the last estimates are not finite.", where="rollout")
         return state
 
-    def true_values(
-        self, value: Callable[[Robot], np.ndarray | None], samples: Sequence[Sample]
-    ) -> np.ndarray | None:
-        """Return a value (p) of the true robot at each sample (N, p), None where one has none."""
-        found = [value(robot) for robot in self.true.robots] if self.true.known else [None]
-        rows = _rows(found)
-        return None if rows is None else np.asarray(rows[self.robots_at(samples)])
-
-    def robots_at(self, samples: Sequence[Sample]) -> np.ndarray:
-        """Return the index of the true robot at each of the samples (N)."""
-        return self.true.index(np.array([sample.t for sample in samples]))
+    def true_values(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
+        """Return a value (p) of each of the r true robots (r, p), None where one has none."""
+        return _rows([value(robot) for robot in self.true.robots]) if self.true.known else None
 
     @np.errstate(all="ignore")  # a loop that diverges overflows
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
@@ -71,14 +63,14 @@ class Evaluation(NamedTuple):
         NaN at a sample that the controller had to bridge.
         """
         controller, V = self.controller, []
-        true_k = self.true_values(controller.kinematics.value, samples)
-        true_d = self.true_values(controller.dynamics.value, samples)
+        true_k = self.true_values(controller.kinematics.value)
+        true_d = self.true_values(controller.dynamics.value)
         if true_k is None or true_d is None or not samples:
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
-        robots = self.robots_at(samples)
-        for sample, k, a_k, a_d in zip(samples, robots, true_k, true_d, strict=True):
-            parts = controller.parameter_storage(sample.state, a_k, a_d)
+        for sample in samples:
+            k = int(self.true.index(sample.t))
+            parts = controller.parameter_storage(sample.state, true_k[k], true_d[k])
             if parts is None:
                 return None
             try:
@@ -86,7 +78,7 @@ class Evaluation(NamedTuple):
             except ImplausibleError:
                 V.append(np.nan)
                 continue
-            truth = truth_at(plants[k], sample, a_k, a_d)
+            truth = truth_at(plants[k], sample, true_k[k], true_d[k])
             V.append(parts + controller.law.storage(signals, truth))
         return np.array(V)
 
@@ -415,10 +407,10 @@ class Recording:
     def _true(self, model: str) -> np.ndarray | None:
         """Return the true parameters of the kinematics or the dynamics of the controller."""
         run = self.evaluated()
-        rows = run.true_values(getattr(run.controller, model).value, run.samples)
-        if rows is None or not len(rows) or len(run.true.robots) > 1:
-            return rows
-        return np.asarray(rows[0])
+        rows = run.true_values(getattr(run.controller, model).value)
+        if rows is None:
+            return None
+        return np.asarray(rows[0] if len(rows) == 1 else rows[run.true.index(self.t)])
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
