@@ -199,9 +199,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-        sides: list[tuple[float, ...]] = [(0.0,), (0.0,)]
-        if contact.sole is not None:
-            sides = [(-half, half) for half in contact.sole]
+        sides = [np.unique([-half, half]) for half in contact.sole or (0.0, 0.0)]
         for corner in product(*sides):
             spec.bodies[frame.parentJoint].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,
@@ -253,12 +251,6 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
     model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
     model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
-
-
-def _kind(joint: pin.JointModel) -> Any:
-    """Return what kind of joint of MuJoCo a joint of a chain is."""
-    kinds = mujoco_module().mjtJoint
-    return kinds.mjJNT_SLIDE if is_slide(joint) else kinds.mjJNT_HINGE
 
 
 def write_place(placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
@@ -373,7 +365,9 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
     hint = "Correct the file, or name as `base` the body whose frame is the description's world."
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
         axis, theirs = ours.oMi[i].rotation @ axis_of(chain, i), turn.T @ data.xaxis[joint]
-        if model.jnt_type[joint] != _kind(chain.joints[i]) or axis @ theirs < WIDEST:
+        slide = is_slide(chain.joints[i])
+        kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
+        if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
             raise InputError(
                 f"joint '{name}' of the file and '{chain.names[i]}' of the description differ in "
                 f"type or in axis at home, {theirs.round(3)} and {axis.round(3)}.",

@@ -205,7 +205,7 @@ class RealtimeLoop:
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
         self._adapting, self._calm = self.stage is Stage.ADAPT, math.inf
-        self._frame: tuple[np.ndarray, float] | None = None  # of another process
+        self._frame: dict[str, Any] = {}  # x and x_time, of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
         self._tick: dict[str, Any] = {}  # what is recorded of a cycle
@@ -348,9 +348,8 @@ class RealtimeLoop:
                 self._command(name, value)
             except PinadaptError as error:
                 self._note(f"refused: {error}")
-        if self._frame is not None and m.x is None:
-            (x, x_time), self._frame = self._frame, None
-            m = m._replace(x=x, x_time=x_time)
+        if m.x is None:
+            m, self._frame = m._replace(**self._frame), {}
         return m
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
@@ -564,7 +563,8 @@ class RealtimeLoop:
         elif name == "frame" and isinstance(value, Mapping):
             size = self._controller.kinematics.task.coordinates
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
-            self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
+            x = vector(value.get("x", ()), size, "frame.x", fills=False)
+            self._frame = {"x": x, "x_time": self._t - age}
         elif name == "stop" and self._phase is not Phase.STARTING:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
         elif name == "load" and self._phase is not Phase.STARTING:

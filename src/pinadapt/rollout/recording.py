@@ -107,12 +107,6 @@ class Slowdown(NamedTuple):
     least_rate: float
 
 
-def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
-    """Return the intervals in which the path was slowed by more than 1 %, in order."""
-    paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-    return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
-
-
 class Shortfall(NamedTuple):
     """An interval in which contacts and motors could not give the torque that the law asked for.
 
@@ -126,12 +120,6 @@ class Shortfall(NamedTuple):
     end: float
     cause: str
     largest: float
-
-
-def shortfalls(samples: Sequence[Sample]) -> tuple[Shortfall, ...]:
-    """Return the intervals in which the torque was infeasible, in order."""
-    missed = [(sample.state.t, sample.state.missed) for sample in samples]
-    return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
 
 
 def _episodes(
@@ -278,11 +266,6 @@ class Recording:
             zero for a point; None where the motion does not say.
         unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
             or None where it is not known.
-        path_time: (N) time s of the path [s]; None for a run without a governor.
-        slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
-        infeasible: when contacts and motors could not give what the law asked for, and why.
-        ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
-            ``pinadapt.rollout.ringing``.
     """
 
     title: str
@@ -312,10 +295,6 @@ class Recording:
     interrupted: float | None = None
     path_extent: float | None = None
     unadapted: float | None = None
-    path_time: np.ndarray | None = None
-    slowed: tuple[Slowdown, ...] = ()
-    infeasible: tuple[Shortfall, ...] = ()
-    ringing: Ringing | None = None
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -421,9 +400,7 @@ class Recording:
         torques, truth = self.motion_torques(), self.a_d_true
         if torques is None:
             return None
-        return TorquePrediction.of(
-            torques, truth if truth is None or truth.ndim == 1 else truth[-1]
-        )
+        return TorquePrediction.of(torques, truth if truth is None else np.atleast_2d(truth)[-1])
 
     @cached_property
     def not_identified(self) -> tuple[str, ...]:
@@ -521,6 +498,31 @@ class Recording:
             tool: Any = robot.task
             found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))
+
+    @cached_property
+    def path_time(self) -> np.ndarray | None:
+        """Time s of the path (N) [s]; None for a run without a governor."""
+        paths = [sample.state.path for sample in self.evaluated().samples]
+        lags = _rows([None if path is None else path.lag for path in paths])
+        return None if lags is None else self.t - lags
+
+    @cached_property
+    def slowed(self) -> tuple[Slowdown, ...]:
+        """When a governor slowed the path by more than 1 %, and why; see ``Limits.governor``."""
+        samples = self.evaluated().samples
+        paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
+        return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
+
+    @cached_property
+    def infeasible(self) -> tuple[Shortfall, ...]:
+        """When contacts and motors could not give what the law asked for, and why."""
+        missed = [(sample.state.t, sample.state.missed) for sample in self.evaluated().samples]
+        return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
+
+    @cached_property
+    def ringing(self) -> Ringing | None:
+        """Which torque oscillates faster than the motion, or None; see ``rollout.ringing``."""
+        return ringing_of(self.t, self.tau, self.evaluated().controller)
 
     @cached_property
     def disturbance(self) -> np.ndarray | None:

@@ -55,10 +55,8 @@ class Events:
             InputError: times that are not positive and finite, or announcements that
                 ``Controller.announce`` does not take.
         """
-        self.changes: dict[float, Robot] = in_time(changes, "events.changes")
-        self.announcements: dict[float, Mapping[str, Any]] = in_time(
-            announcements, "events.announcements"
-        )
+        self.changes = in_time(changes, "events.changes")
+        self.announcements = in_time(announcements, "events.announcements")
         for time, announced in self.announcements.items():
             where = f"events.announcements[{time:g}]"
             for name in mapping(announced, where):
