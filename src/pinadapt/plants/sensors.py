@@ -135,7 +135,9 @@ class SimulatedSensors:
         if k == 0:
             self._truths.extend([truth] * self._late)
         self._truths.append(truth)
-        frame, taken = self._truths[0], self._takes(k - self._late)
+        frame, exposed = self._truths[0], k - self._late  # a negative sample is before the first
+        nearest = math.floor(exposed / self._spacing + 0.5) * self._spacing
+        taken = math.floor(nearest + 0.5) == exposed  # at multiples of the frame interval, rounded
         comes = k == 0 or (taken and self._of_frames.random() >= self._camera.dropout)
         if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
@@ -144,11 +146,3 @@ class SimulatedSensors:
             noise = self._deviations * self._of_frames.standard_normal(self.task.size)
             x = self.task.moved(x, noise)
         return truth._replace(x=x, x_time=frame.t, xd=xd)
-
-    def _takes(self, sample: int) -> bool:
-        """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
-
-        Samples before the first one have negative numbers.
-        """
-        nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
-        return math.floor(nearest + 0.5) == sample

@@ -315,8 +315,7 @@ def _serve(
         while True:
             link.send(arm.read())
             due = max(due + period, time.monotonic() - 10.0 * period)
-            while (left := due - time.monotonic()) > 0.0:
-                time.sleep(left)
+            time.sleep(max(due - time.monotonic(), 0.0))
             while link.poll():
                 said = link.recv()
                 arm.stop(said) if isinstance(said, str) else arm.send(said)

@@ -179,8 +179,9 @@ class RealtimeLoop:
         self._facts, self._period = arm.facts, arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
-        self._start = dict(start or {})
-        known = kinematics.calibrated or self._start.get("a_k") is not None
+        given = (start or {}).items()
+        self._start = {name: part for name, part in given if part is not None}
+        known = kinematics.calibrated or "a_k" in self._start
         if self.stage is Stage.SLOW and motion is not None and not known:
             raise InputError(
                 "without adaptation the axes of x remain unknown.",
@@ -257,9 +258,7 @@ class RealtimeLoop:
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
         arm, controller = self._arm, self._controller
-        start = {
-            k: np.asarray(part).tolist() for k, part in self._start.items() if part is not None
-        }
+        start = {name: np.asarray(part).tolist() for name, part in self._start.items()}
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)

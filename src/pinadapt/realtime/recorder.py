@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import select
 import signal
 import socket
@@ -47,8 +46,6 @@ if TYPE_CHECKING:
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
-
-_MAGIC = b"\x89MCAP0\r\n"  # that an MCAP file begins and ends with
 
 _LINE = "================================================================================"
 _HEADER = f"""{_LINE}
@@ -252,7 +249,7 @@ class _LogProcess:
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
-        self._start, self._zero = time.time_ns(), 0.0
+        self._start = time.time_ns()  # at the arm's time zero, once it is known
         self._messages = deque[str](maxlen=20)
         from mcap.writer import CompressionType, Writer
 
@@ -308,14 +305,14 @@ class _LogProcess:
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
-        return self._start + round(1e9 * (float(self._row["t"]) - self._zero))
+        return self._start + round(1e9 * float(self._row["t"]))
 
     def _drain(self) -> None:
         """Take the records that have come."""
         while self._read < int(self._counts[0]):
             self._row = row = self._ring[self._read % len(self._ring)].copy()
             if not self._read:
-                self._zero = float(row["t"])
+                self._start -= round(1e9 * float(row["t"]))
             self._read += 1
             self._counts[1] = self._read
             self._add("/pinadapt/cycle", cdr(np.frombuffer(row.tobytes())))
@@ -450,10 +447,12 @@ def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]
 
 def measurement_of(row: np.void) -> Measurement:
     """Return the measurement in a record of a cycle."""
-    values: dict[str, Any] = {name: np.array(row[name]) for name in Measurement._fields}
-    absent = [name for name, value in values.items() if np.isnan(value).all()]
-    times = {name: float(values[name]) for name in ("t", "x_time")}
-    return Measurement(**values | times | dict.fromkeys(absent))
+    return Measurement(*(_signal(row, name) for name in Measurement._fields))
+
+
+def _signal(row: np.void, name: str) -> Any:
+    """Return a number or an array in a record of a cycle, None for one that it lacks."""
+    return None if np.isnan(row[name]).all() else row[name].copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -484,6 +483,7 @@ class CycleLog:
 
         about: dict[str, str] = {}
         found: dict[str, list[bytes]] = {}
+        whole = False
         with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
             with suppress(McapError, struct.error):  # where its end is missing
                 for _, channel, message in NonSeekingReader(file).iter_messages(
@@ -491,8 +491,7 @@ class CycleLog:
                 ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
-            file.seek(-len(_MAGIC), os.SEEK_END)
-            whole = file.read() == _MAGIC
+                whole = True
             data = b"".join(found["/pinadapt/cycle"])
             cycles = np.frombuffer(data, tick_of(about)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
@@ -532,8 +531,8 @@ class CycleLog:
                 state = controller.announce(state, payload=load_of(announced[k]))
             if not stepped[k]:
                 continue
-            m, given = measurement_of(row), np.array(row["given"])
-            desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
+            m = measurement_of(row)
+            desired = Desired(*(_signal(row, name) for name in Desired._fields))
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
@@ -541,8 +540,7 @@ class CycleLog:
                     state = controller.init(m, **start)
                 except ParameterError:  # other unknowns: from its own estimates
                     state = controller.init(m)
-            state = state.adapt(bool(row["adapting"]))
-            state = state.gave(None if np.isnan(given).any() else given)
+            state = state.adapt(bool(row["adapting"])).gave(_signal(row, "given"))
             torque, state = controller.step(state, m, desired, float(begun["period"]))
             found.append(torque)
         logged = self.cycles.asked[stepped]

@@ -193,9 +193,8 @@ def load(folder: Path) -> dict[str, Any]:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         ringing = numbers["ringing"]
         fields = {name: numbers[name] for name in _NAMED} | numbers["recorded"]
-        lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
         return {
-            **fields | lists,
+            **{name: tuple(x) if isinstance(x, list) else x for name, x in fields.items()},
             **{name: file.get(name) for name in RECORDED + COMPUTED},
             "numbers": numbers,
             "ringing": ringing and Ringing(**ringing),
