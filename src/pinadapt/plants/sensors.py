@@ -70,8 +70,7 @@ class SimulatedSensors:
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
         self._counted, self._count = counts > 0.0, np.where(counts > 0.0, counts, 1.0)
         self._dt, self._camera = dt, sensors.camera or Camera()
-        rate = self._camera.rate
-        self._spacing = 1.0 if rate is None else max(1.0, 1.0 / (rate * dt))
+        self._spacing = max(1.0, 1.0 / ((self._camera.rate or math.inf) * dt))
         self._late, self._robot = round(self._camera.delay / dt), robot
         self.reset()
 

@@ -47,6 +47,7 @@ COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference"
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # with which a message of CDR begins
 _LINE = "================================================================================"
 _HEADER = f"""{_LINE}
 MSG: std_msgs/Header
@@ -94,15 +95,15 @@ def tick_of(about: Mapping[str, str]) -> np.dtype[Any]:
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
-    """Return a message of texts, 32-bit integers and arrays of float64, each aligned."""
+    """Return a message of texts, 32-bit integers and lists of float64, each aligned."""
     body = bytearray()
     for value in values:
+        raw = value.encode() + b"\0" if isinstance(value, str) else b""
+        number = value.size if isinstance(value, np.ndarray) else len(raw) or value
+        body += bytes(-len(body) % 4) + struct.pack("<I", number) + raw
         if isinstance(value, np.ndarray):
             body += bytes(-len(body) % 8) + value.tobytes()
-            continue
-        raw = value.encode() + b"\0" if isinstance(value, str) else b""
-        body += bytes(-len(body) % 4) + struct.pack("<I", len(raw) if raw else value) + raw
-    return b"\x00\x01\x00\x00" + bytes(body)
+    return _LITTLE_ENDIAN + bytes(body)
 
 
 class Recorder:
@@ -151,10 +152,9 @@ class Recorder:
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        context = get_context("spawn")
-        size = _ROWS * tick_of(about).itemsize
-        shared = context.RawArray("b", size), context.RawArray("Q", 2)
-        self._ring, self._counts = _views(shared, about)
+        context, tick = get_context("spawn"), tick_of(about)
+        shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
+        self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
         self._count = 0
         failure = InputError("the process of the log has not started.", where=str(path), hint=MAIN)
         arguments = failure, shared, about, self.path, port, dict(translate or {})
@@ -210,11 +210,6 @@ class Recorder:
         self.close()
 
 
-def _views(shared: tuple[Any, Any], about: Mapping[str, str]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ring of records, and how many were written and read."""
-    return np.frombuffer(shared[0], tick_of(about)), np.frombuffer(shared[1], np.uint64)
-
-
 class _LogProcess:
     """What the process beside the loop does.
 
@@ -244,7 +239,8 @@ class _LogProcess:
                 hint="Choose another file by --log, and another port, or 0 for any.",
             ) from error
         self.port = None if port is None else self._server.getsockname()[1]
-        self._ring, self._counts = _views(shared, about)
+        self._ring = np.frombuffer(shared[0], tick_of(about))
+        self._counts = np.frombuffer(shared[1], "u8")  # of records, written and read
         self._link = link
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
@@ -315,13 +311,12 @@ class _LogProcess:
                 self._start -= round(1e9 * float(row["t"]))
             self._read += 1
             self._counts[1] = self._read
-            self._add("/pinadapt/cycle", cdr(np.frombuffer(row.tobytes())))
-            if row["q"].size == len(self._joints):
+            self._add("/pinadapt/cycle", _LITTLE_ENDIAN + row.tobytes())
+            q, n = row["q"], len(self._joints)
+            if q.size == n:
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
-                n, parts = len(self._joints), (row["q"], row["v"], tau)
-                listed = [part for values in parts for part in (n, values)]
                 header = divmod(self._stamp(), 10**9)
-                self._add("/joint_states", cdr(*header, "", n, *self._joints, *listed))
+                self._add("/joint_states", cdr(*header, "", n, *self._joints, q, row["v"], tau))
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)

@@ -162,8 +162,11 @@ class Checklist:
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = 0.0  # [s] at a limit
-        self._mean: np.ndarray = np.zeros(n)
-        self._time = 0.0
+        self.announced()
+
+    def announced(self) -> None:
+        """Take what is unexplained from now on for a part of the model: a load was attached."""
+        self._mean, self._time = np.zeros(self.limit.size), 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -260,10 +263,6 @@ class Checklist:
                 )
                 return SafetyFinding(check, text, phase)
         return None
-
-    def announced(self) -> None:
-        """Take what is unexplained from now on for a part of the model: a load was attached."""
-        self._mean, self._time = np.zeros(self.limit.size), 0.0
 
     @property
     def unexplained(self) -> np.ndarray:

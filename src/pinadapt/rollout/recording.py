@@ -449,36 +449,29 @@ class Recording:
         return None if V is None else (self.t[chosen], V)
 
     @cached_property
+    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        controller = self.evaluated().controller
-        dynamics, project = controller.dynamics, controller.adaptation_d.project
-
-        def mass_matrix(sample: Sample) -> np.ndarray:
+        run, found = self.evaluated(), []
+        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
+        for sample in run.samples:
             q = sample.measurement.q
             dynamics.load(project(sample.state.dynamic, q))
-            return dynamics.mass_matrix(q)
-
-        return self._of_each(mass_matrix, lambda M: np.linalg.eigvalsh(M)[0])
+            M = dynamics.mass_matrix(q)
+            found.append(np.linalg.eigvalsh(M)[0] if np.isfinite(M).all() else np.nan)
+        return np.array(found)
 
     @cached_property
+    @np.errstate(all="ignore")
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
-        kinematics = self.evaluated().controller.kinematics
-
-        def jacobian(sample: Sample) -> np.ndarray:
+        run, found = self.evaluated(), []
+        kinematics = run.controller.kinematics
+        for sample in run.samples:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            return kinematics.J
-
-        return self._of_each(jacobian, lambda J: np.linalg.svd(J, compute_uv=False)[-1])
-
-    @np.errstate(all="ignore")
-    def _of_each(
-        self, matrix: Callable[[Sample], np.ndarray], number: Callable[[np.ndarray], float]
-    ) -> np.ndarray:
-        """Return a number (N) of a matrix of each sample, NaN where that is not finite."""
-        matrices = map(matrix, self.evaluated().samples)
-        return np.array([number(A) if np.isfinite(A).all() else np.nan for A in matrices])
+            J = kinematics.J
+            found.append(np.linalg.svd(J, compute_uv=False)[-1] if np.isfinite(J).all() else np.nan)
+        return np.array(found)
 
     @cached_property
     @np.errstate(all="ignore")

@@ -64,10 +64,6 @@ _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_ide
 def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
-    prediction = None
-    if found is not None:
-        shares = {"share_first": found.share_first, "share_last": found.share_last}
-        prediction = {**asdict(found), **shares}
     numbers = {
         "verdict": "",  # follows from the others
         "error_share": run.error_share,
@@ -85,7 +81,8 @@ def summary(run: Recording) -> Numbers:
         "wall_time_s": run.wall_time,
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
-        "torque_prediction": prediction,
+        "torque_prediction": found
+        and {**asdict(found), "share_first": found.share_first, "share_last": found.share_last},
         "changes": [
             {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients
