@@ -144,7 +144,7 @@ class Checklist:
         self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        self._places = [joint.idx_q for joint in model.joints[1:]]
+        self._places = model.idx_qs.tolist()[1:]
         self._lower, self._upper = lower + safety.margin, upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
@@ -233,7 +233,7 @@ class Checklist:
         residual = np.abs(self.residual)
         outside: Any = False
         if self._box is not None:
-            p = x[: self._task.positions]
+            p = self._task.position(x)
             outside = np.maximum(self._box[0] - p, p - self._box[1])
         return self._first(
             ("contact", Phase.DAMPING, residual, self._contact, _CONTACT),

@@ -530,7 +530,7 @@ class Recording:
     def limits(self) -> LimitExcess:
         """How far the motion of each joint exceeded the description's limits."""
         robot = self.evaluated().true.robots[0]
-        q = self.q[:, [joint.idx_q for joint in robot.model.joints[1:]]]
+        q = self.q[:, robot.model.idx_qs.tolist()[1:]]
         return LimitExcess.of(robot, q, self.v, self.tau)
 
     @cached_property

@@ -173,7 +173,7 @@ def simulate(
     if isinstance(plant, PinocchioPlant) and engine.continuous:
         stream = run_continuous(plant, controller, trajectory, **options)
     else:
-        for finding in findings(true, controller, dt, sensors, motors, engine.actuators):
+        for finding in findings(true, controller, engine, sensors):
             warnings.warn(finding, stacklevel=3)
         options["sensors"] = None if sensors.perfect else simulated
         stream = run(plant, controller, trajectory, **options)
