@@ -376,7 +376,9 @@ class RealtimeLoop:
             over = duration is not None and m.t - self._begin >= duration
             if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
-            due = max(due + period, clock() - period)  # one missed deadline is made up for
+            due += period
+            if clock() > due + period:
+                due = clock()  # missed deadlines are not made up for
             if not self._facts.paced:
                 time.sleep(max(due - clock(), 0.0))
             before, earlier = arrived, m.t

@@ -154,13 +154,12 @@ def run(
     simulated: Any = plant
     given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
-        truth = measurement = plant.measure()
+        truth = plant.measure()
+        measurement = truth if sensors is None else sensors.measure(truth, given)
+        if state is None:
+            state = controller.init(measurement)
         try:
             _check_speed(truth.v, truth.t)
-            if sensors is not None:
-                measurement = sensors.measure(truth, given)
-            if state is None:
-                state = controller.init(measurement)
             desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 _, command = controller.command(state, measurement, desired)
