@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import located
-from .._output import Report, Table
+from .._output import Report, Table, plain
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
@@ -30,7 +30,6 @@ from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario, described_robot, trajectory_of
 from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
-from ..sweep.table import plain
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import Exit, add_arguments_of, add_settings, given

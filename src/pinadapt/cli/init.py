@@ -53,7 +53,8 @@ def init(options: Namespace) -> int:
     found = limbs(robot)
     if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
         print(f"An arm or leg of {len(found)}. For the whole robot:")
-        print(*(f"  {each}" for each in _commands(options, found)), sep="\n")
+        for command in _commands(options, found):
+            print(f"  {command}")
     ends = [contact.frame for contact in robot.contacts] or robot.frames
     which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {template.task or robot.task.name}.")
@@ -77,10 +78,13 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
     xacro = [part for name, value in options.xacro for part in ("--xacro", f"{name}={value}")]
     feet = [end for end in limbs if _FOOT.search(end.lower())]
     arms = [end for end in limbs if end not in feet]
-    choices = [["--task", "joint"]]
-    choices += [["--frame", ",".join(arms)]] if len(arms) > 1 else []
-    choices += [["--contacts", ",".join(feet)]] if len(feet) > 2 else []
-    for choice in choices:
-        yield shlex.join(
-            ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
-        )
+    for option, chosen, least in (
+        ("--task", ["joint"], 1),
+        ("--frame", arms, 2),
+        ("--contacts", feet, 3),
+    ):
+        if len(chosen) >= least:
+            choice = [option, ",".join(chosen)]
+            yield shlex.join(
+                ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
+            )

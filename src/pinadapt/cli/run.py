@@ -128,8 +128,9 @@ def view(options: Namespace) -> int:
                 where=str(place),
                 hint="`pinadapt run` writes one unless --no-html is given.",
             )
-        print(page.resolve().as_uri())
-        open_in_browser(page.resolve().as_uri())
+        address = page.resolve().as_uri()
+        print(address)
+        open_in_browser(address)
         return Exit.DONE
     if place is not None:
         scenario = Scenario.read(place, options.set)

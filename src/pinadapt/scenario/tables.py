@@ -98,10 +98,9 @@ def in_table(name: str) -> AbstractContextManager[None]:
 @cache
 def _hints(make: Make) -> Tables:
     """Return the types of the arguments of a class or function."""
-    plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
     if make in (dict, load):  # in which no table stands for an object
         return {}
-    return get_type_hints(vars(make)["__init__"] if plain_class else make)
+    return get_type_hints(vars(make)["__init__"] if isinstance(make, type) else make)
 
 
 def _classes(hint: Any) -> list[type]:
@@ -280,9 +279,12 @@ def setting(text: str, where: str = "--set") -> tuple[str, Any]:
     if not (equals and key):
         raise ScenarioError(f"expected key=value with a dotted key, got '{text}'.", where=where)
     found = toml_value(value)
-    if key in _PATHS and isinstance(found, str) and (key != "robot.source" or is_path(found)):
-        found = os.path.abspath(found)
-    return key, found
+    return key, os.path.abspath(found) if _names_file(key, found) else found
+
+
+def _names_file(key: str, value: Any) -> bool:
+    """Return whether the value of a dotted key is a path."""
+    return key in _PATHS and isinstance(value, str) and (key != "robot.source" or is_path(value))
 
 
 def toml_value(text: str) -> Any:
@@ -297,11 +299,17 @@ def toml_value(text: str) -> Any:
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
-    found: Tables = {}
-    for path in _PATHS:
-        name: Any = tables
-        for key in path.split("."):
-            name = name.get(key) if isinstance(name, Mapping) else None
-        if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            found[path] = str(folder / name)
+    given = flat(tables).items()
+    found = {key: str(folder / value) for key, value in given if _names_file(key, value)}
     return with_values(tables, found)
+
+
+def flat(table: Record, prefix: str = "") -> Tables:
+    """Return the entries of nested tables by dotted keys."""
+    found: Tables = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found

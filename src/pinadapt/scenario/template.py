@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomlkit
 
-from .._output import meanings
+from .._output import meanings, plain
 from ..controller.constraint_forces import ConstraintForces
 from ..controller.controller import Controller
 from ..description.urdf import is_path
@@ -176,13 +176,19 @@ class Template:
         """The table [unknown]."""
         if self.robot.contacts:
             return {"bodies": "payload", "friction": False, "armature": False}
-        places = {"tracker": self.tracker, "tool": self.robot.task.positions > 0}
-        found = {name: True for name, unknown in places.items() if unknown}
-        return {**found, "bodies": "all", "friction": True, "armature": True}
+        found = {
+            "tracker": self.tracker or None,
+            "tool": self.robot.task.positions > 0 or None,
+            "bodies": "all",
+            "friction": True,
+            "armature": True,
+        }
+        return dict(plain(found))
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
         turns = 2.0 * float(np.max(self.path.period))
+        sensors = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         found = {
             "robot": self._robot(folder),
             "truth": self._truth(),
@@ -195,23 +201,22 @@ class Template:
             "limits": {"governor": True},
             "trajectory": self._motion(),
             "simulation": {"duration": float(ceil(max(10.0, turns)))},
+            "engine": {"plant": "mujoco"} if self.robot.contacts else None,
+            "sensors": sensors if self.filmed else None,
         }
-        if self.robot.contacts:
-            found["engine"] = {"plant": "mujoco"}
-        if self.filmed:
-            found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
-        return found
+        return dict(plain(found))
 
     def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source
         if is_path(source) and not Path(source).is_absolute():
             source = os.path.relpath(source, folder.resolve())
-        given = {
+        several = len(robot.frames) > 1
+        return {
             "source": source,
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
-            "frame": None if self.whole or len(robot.frames) > 1 else robot.frame,
-            "frames": list(robot.frames) if len(robot.frames) > 1 else None,
+            "frame": None if self.whole or several else robot.frame,
+            "frames": robot.frames if several else None,
             "base": FREE if robot.contacts else None,
             "contacts": [contact.frame for contact in robot.contacts] or None,
             "task": IMAGE if self.filmed else robot.task.name,
@@ -219,36 +224,35 @@ class Template:
             "locked": [],
             "q0": significant(robot.home_angles.round(12), digits=12),
         }
-        return {key: value for key, value in given.items() if value is not None}
 
     def _truth(self) -> Tables:
         robot = self.robot
         mass, radius = TOOL_ERROR * robot.mass / len(robot.frames), TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
-        found: Tables = {}
-        if robot.task.positions and not robot.contacts:
-            found["tool_translation"] = self._by_frame(significant)
-        if self.tracker:  # the base as the tracker sees it
-            found["tracker"] = {
-                "rotation": [0.0, 0.0, 2.0],
-                "translation": significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2),
-            }
-        if self.filmed:
-            found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
-        found["payload"] = self._by_frame(
+        tracker = {  # the base as the tracker sees it
+            "rotation": [0.0, 0.0, 2.0],
+            "translation": significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2),
+        }
+        payload = self._by_frame(
             lambda tool: {
                 "mass": _rounded(mass, 3),
                 "com": significant(tool),
                 "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
             }
         )
-        if not robot.contacts:
-            found["friction"] = {
-                "viscous": significant(viscous, 2),
-                "coulomb": significant(coulomb, 2),
-            }
-        return found
+        friction = {"viscous": significant(viscous, 2), "coulomb": significant(coulomb, 2)}
+        stands = bool(robot.contacts)
+        moved = robot.task.positions and not stands
+        return {
+            "tool_translation": self._by_frame(significant) if moved else None,
+            "tracker": tracker if self.tracker else None,
+            "camera": [{"position": significant(self.view.position), "focal": _FOCAL}]
+            if self.filmed
+            else None,
+            "payload": payload,
+            "friction": None if stands else friction,
+        }
 
     def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:
         """Return what is made of the tool, of several frames by their names."""

@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 
 from .._checks import instance, mapping, positive, shown, whole, word
-from .._output import Record, read_toml, write_text
+from .._output import Record, plain, read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import at_folder, made, parts, setting, toml_value, with_values
-from .table import Row, flat, plain
+from ..scenario.tables import at_folder, flat, made, parts, setting, toml_value, with_values
+from .table import Row
 
 METHODS = ("random", "lhs", "sobol")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal")
@@ -284,7 +284,8 @@ class Plan:
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | dict(setting(key, "--vary") for key in vary)
+        varied = dict(mapping(tables.get("vary"), "vary"))
+        tables["vary"] = varied | dict(setting(key, "--vary") for key in vary)
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 

@@ -164,7 +164,7 @@ class SweepReport:
 
     def values(self, name: str) -> np.ndarray:
         """Return a column of numbers (N), infinite where a case has none."""
-        column = self.table[name]
+        column = self.table[name].astype(float)
         return np.where(np.isnan(column) | self.table.lost, np.inf, column)
 
     @cached_property

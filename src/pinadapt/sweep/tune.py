@@ -15,7 +15,7 @@ from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows
-from .sweep_report import Rate, percentile, rate, succeeded
+from .sweep_report import Rate, SweepReport, percentile, rate, succeeded
 from .table import CaseTable, Row
 
 
@@ -108,8 +108,9 @@ def tune(
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         table = CaseTable(rows(plan, changed, executor))
-        found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
-        errors = np.where(table.lost | np.isnan(found), np.inf, found)
+        errors = np.full(len(table), np.inf)
+        if not table.lost.all():
+            errors = SweepReport(table, plan).values(objective)
         value = percentile(errors, share).value
         if not math.isfinite(value):
             value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))

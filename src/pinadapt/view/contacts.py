@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from meshcat.geometry import Box, Cylinder
@@ -44,13 +43,11 @@ class DrawnContacts:
             robot: that stands on them.
             size: half of the picture [m].
         """
-        self._size = size
+        self._node, self._robot, self._size = node, robot, size
         weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
         self._length = size / max(weight, 1e-9)
-        self._drawn = list[Any]()
         for contact in robot.contacts:
             own = node[contact.frame]
-            frame = robot.model.frames[frame_id(robot.model, contact.frame)]
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, Colour.CONE))
             own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, Colour.FORCE))
             if contact.sole is not None:
@@ -58,14 +55,13 @@ class DrawnContacts:
                 own["sole"].set_object(
                     Box([2 * length, 2 * width, 0.01]), overlay(0.5, Colour.CONE)
                 )
-            self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
 
     def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
         """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
-        for (contact, node, joint, place), force in zip(
-            self._drawn, forces.swapaxes(0, 1), strict=True
-        ):
-            moved = joints[:, joint] @ place
+        model = self._robot.model
+        for contact, force in zip(self._robot.contacts, forces.swapaxes(0, 1), strict=True):
+            node, frame = self._node[contact.frame], model.frames[frame_id(model, contact.frame)]
+            moved = joints[:, frame.parentJoint] @ frame.placement.homogeneous
             at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
             normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
             if contact.sole is not None:

@@ -77,8 +77,11 @@ class Window:
         Each is preceded by its length in 4 bytes, as the page reads it.
         """
         with self._lock:
-            new = [message for number, message in self._latest.values() if number > count]
-            framed = (len(message).to_bytes(4, "big") + message for message in new)
+            framed = (
+                len(message).to_bytes(4, "big") + message
+                for number, message in self._latest.values()
+                if number > count
+            )
             return self.count, b"".join(framed)
 
 

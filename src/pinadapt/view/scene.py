@@ -9,6 +9,7 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
+from meshcat.transformations import translation_matrix
 from scipy.spatial.transform import Rotation
 
 from ..controller.controller import Controller
@@ -131,8 +132,8 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     half = 0.5 * (high - low)
     box = half + 0.3 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-    found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
-    return {name: part.tolist() for name, part in found.items()}
+    target = axes @ (0.5 * (low + high))
+    return {"target": target.tolist(), "direction": axes[:, 2].tolist(), "box": box.tolist()}
 
 
 class DrawnRobot:
@@ -155,11 +156,9 @@ class DrawnRobot:
             tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        ends = [robot.model.frames[frame_id(robot.model, name)] for name in robot.frames]
-        self.carriers = [int(end.parentJoint) for end in ends]
         self._rods: list[tuple[Node, int, int]] = []
         self.loads: list[tuple[int, Node]] = []
-        self._tips = [node[_numbered("tip", k)] for k in range(len(ends))]
+        self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
@@ -177,9 +176,10 @@ class DrawnRobot:
 
     def stick_figure(self, material: Material) -> None:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
-        parents = [*map(int, self.robot.model.parents), *self.carriers]
-        for end, start in enumerate(parents):
-            if end < self.robot.model.njoints:
+        model = self.robot.model
+        tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
+        for end, start in enumerate([*model.parents, *tips]):
+            if end < model.njoints:
                 self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
                 self._rods.append((self.node[f"rod {end}"], start, end))
@@ -191,7 +191,7 @@ class DrawnRobot:
             node = self.node[f"joint {joint}"][f"load {number}"]
             radius = float(np.cbrt(0.75 / np.pi * load.mass / 7850.0))  # of steel [kg/m^3]
             node[f"{k}"].set_object(Sphere(radius), ghost(0.6, Colour.LOAD))
-            node[f"{k}"].set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            node[f"{k}"].set_transform(translation_matrix(load.lever))
             self.loads.append((number, node))
 
 
@@ -214,7 +214,8 @@ class Scene:
         root: node of the scene.
         viewpoint: where it is seen from, see the function of this name.
         size: half the larger side of the picture [m].
-        robots: the true robot, and what it changes to.
+        true: the true robot at first.
+        robots: that one, and what it changes to.
         controller: that estimates.
         poses: moves the nodes.
         traced: (L, k, 3) paths of the true tips [m].
@@ -241,7 +242,8 @@ class Scene:
         """
         self.window, self.poses = Window(), Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
-        self.robots, self.controller, true = robots, controller, robots.robots[0]
+        self.robots, self.controller = robots, controller
+        self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
         way = path.reshape(-1, 3)
@@ -252,7 +254,7 @@ class Scene:
         self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
         estimated = controller.kinematics.robot
         self._ghost = DrawnRobot(self.root["estimated"], estimated, size, ghost(0.6))
-        if true.visual is not None and len(true.visual.geometryObjects) > 0:
+        if true.visual is not None and true.visual.ngeoms:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
             self._solid.stick_figure(solid(Colour.BONES))
@@ -260,17 +262,17 @@ class Scene:
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
-        self._points = [self.root[_numbered("desired point", k)] for k in range(len(path))]
-        for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
+        self._points = []
+        for k, own in enumerate(path):
             self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
-            node.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
+            self._points.append(self.root[_numbered("desired point", k)])
+            self._points[k].set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         kinematics = controller.kinematics
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
         floor = min(0.0, motion_of(true, true.q0[None]).points[:, 2].min())
-        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
-        self.root["/Grid"].set_transform(place)
+        self.root["/Grid"].set_transform(translation_matrix([0.0, 0.0, floor]))
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
@@ -284,20 +286,20 @@ class Scene:
             "estimated tip, and robot where it differs": Colour.ESTIMATED,
             "desired point and path": Colour.DESIRED,
         }
-        if self.robots.robots[0].contacts:
+        if self.true.contacts:
             legend |= {"chosen contact force": Colour.FORCE, "friction cone": Colour.CONE}
         return legend | ({"load": Colour.LOAD} if any(r.loads for r in self.robots.robots) else {})
 
     def show(self, samples: Sequence[Sample]) -> np.ndarray:
         """Move everything to F samples, note the curves, and return the true tips (F, k, 3) [m]."""
-        kinematics, poses, robots = self.controller.kinematics, self.poses, self.robots.robots
+        kinematics, poses = self.controller.kinematics, self.poses
         rows = [(s.t, s.truth.q, s.desired.x_d, s.state.a_k) for s in samples]
         t, q, x_d, a_k = (np.array(each) for each in zip(*rows, strict=True))
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
         self._contacts.place(motion.joints, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
+        desired = desired_tips(self.true, x_d, motion.tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
         still = np.zeros((len(t), 3))
@@ -313,13 +315,13 @@ class Scene:
     @property
     def units(self) -> dict[str, str]:
         """Label -> unit of each curve: errors of the task, and of estimated translations."""
-        groups = self.robots.robots[0].task.groups
+        groups = self.true.task.groups
         units = {f"{group.name} error": group.shown.unit for group in groups}
         return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
 
     def _reading(self, sample: Sample) -> list[float]:
         """Return the values of the curves at a sample."""
-        task = self.robots.robots[0].task
+        task = self.true.task
         assert sample.truth.x is not None  # perfect sensors see the task
         error = task.error(sample.truth.x, sample.desired.x_d)
         parts = [group.shown.scale * error[group.rows] for group in task.groups]
@@ -330,12 +332,14 @@ class Scene:
 
     def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
-        names = [_numbered(name, k) for k in range(tips.shape[1])]
-        for own, path in zip(names, tips.swapaxes(0, 1), strict=True):
-            self.add_path(own, path, 0.005, self._trace)
-        return [self.root["paths"][own] for own in names]
+        return [
+            self.add_path(_numbered(name, k), path, 0.005, self._trace)
+            for k, path in enumerate(tips.swapaxes(0, 1))
+        ]
 
-    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:
-        """Draw a path (L, 3) [m]; fewer than two points are not drawn."""
+    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> Node:
+        """Draw a path (L, 3) [m] and return its node; fewer than two points are not drawn."""
+        node = self.root["paths"][name]
         if len(points) > 1:
-            self.root["paths"][name].set_object(tube(points, radius * self.size), material)
+            node.set_object(tube(points, radius * self.size), material)
+        return node
