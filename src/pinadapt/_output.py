@@ -137,8 +137,7 @@ def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Itera
         yield beside
         partly = True
     finally:
-        names = names if partly else ()
-        whole = [name for name in names if (beside / name).is_file()]
+        whole = [name for name in names if partly and (beside / name).is_file()]
         for name in reversed(names) if whole else ():
             (folder / name).unlink(missing_ok=True)
         for name in whole:

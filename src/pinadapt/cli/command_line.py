@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with stopped_by_signals():
             options = _options(arguments)
-            return int(getattr(_module(options.command), options.command)(options))
+            return getattr(_module(options.command), options.command)(options)
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
         return Exit.INTERRUPTED
@@ -200,7 +200,7 @@ def out_folder(options: Namespace, name: str, files: Sequence[str]) -> Path:
     Raises:
         InputError: they cannot be written.
     """
-    folder: Path = options.out or Path("out") / name
+    folder = options.out or Path("out") / name
     check_writable(folder, files)
     return folder
 
@@ -256,7 +256,7 @@ def new_file(options: Namespace, name: str) -> Path:
     Raises:
         InputError: it exists and may not be overwritten, or cannot be written.
     """
-    file: Path = options.out or Path(f"{name}.toml")
+    file = options.out or Path(f"{name}.toml")
     if file.exists() and not options.force:
         raise InputError(
             "exists already.",

@@ -106,6 +106,7 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
     parser.add_argument(
         "--lock",
         type=names,
+        default=(),
         metavar="A,B",
         help="joints that did not move (default: those off the chain)",
     )
@@ -120,7 +121,6 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
         type=_signal,
         nargs="+",
         action="extend",
-        default=[],
         metavar="SIGNAL=NAME,...",
         help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
         "stands for the joint's name or index; in a file without header numbers, such as q=2-8",
@@ -197,11 +197,12 @@ def _import_options(options: Namespace) -> ImportOptions | None:
     Raises:
         InputError: options for several logs, of which others than the first have such a file.
     """
-    said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
-    said["columns"] = dict(said["columns"]) or None
-    if all(value is None for value in said.values()):
+    said = given(options, [one.name for one in fields(ImportOptions)])
+    if not said:
         return None
-    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
+    if "columns" in said:
+        said["columns"] = dict(said["columns"])
+    logs = [*options.log, *options.test, *filter(None, [options.empty])]
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
     if beside:
         raise InputError(
@@ -223,7 +224,7 @@ def identify(options: Namespace) -> int:
     folder = _place(options, "identified", FILES)
     robot = _robot(options)
     compared = {
-        path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
+        path.name: load(path, frame=robot.frame, locked=options.lock, joint_effects=True)
         for path in options.compare
     }
     named = {name: one_word(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
@@ -311,7 +312,7 @@ def _robot(options: Namespace) -> Robot:
     """Return the robot of the options."""
     return load(
         options.robot,
-        locked=options.lock or (),
+        locked=options.lock,
         xacro=dict(options.xacro),
         **given(options, ("frame", "task", "mass")),
     )

@@ -7,6 +7,7 @@ import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
+from itertools import compress
 
 from .._output import write_text
 from ..robot.loading import limbs
@@ -59,8 +60,7 @@ def init(options: Namespace) -> int:
     which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {template.task or robot.task.name}.")
     if robot.locked:
-        moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
-        print(f"Controlled: {', '.join(moved)}.")
+        print(f"Controlled: {', '.join(compress(robot.joint_names, robot.motors))}.")
         print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
     for finding in Scenario.read(file).findings():
         warnings.warn(finding, stacklevel=1)

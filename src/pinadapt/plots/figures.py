@@ -32,7 +32,6 @@ def error_figure(run: Drawable) -> Picture:
         error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
         curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
-        axes[2 * k + 1].set_ylabel(label)
     if run.lyapunov_curve is not None:
         t, V = run.lyapunov_curve
         curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")
@@ -45,6 +44,7 @@ def _norm(ax: Any, run: Drawable, group: RowGroup, label: str) -> np.ndarray:
     norm = group.shown.scale * np.linalg.norm(run.error[:, group.rows], axis=1)
     norm = np.maximum(norm, np.finfo(float).eps)
     ax.semilogy(run.t, norm, lw=1.0, label=label)
+    ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")
     if len(norm):
         ax.set_ylim(bottom=0.5 * np.quantile(norm, 0.01))
     legend(ax)
@@ -167,7 +167,6 @@ def overlay_figure(runs: Sequence[Drawable]) -> Picture:
             kept = np.concatenate(ended)
             if kept.size:
                 ax.set_ylim(0.5 * np.quantile(kept, 0.01), 2.0 * kept.max())
-            ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")
         axes[-1].set_xlabel("time [s]")
         figure.suptitle(literal(f"{runs[0].title}: errors"))
     return figure

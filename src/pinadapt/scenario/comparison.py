@@ -91,15 +91,14 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return a table with a row for each rollout, one at least, without columns that none has."""
-    shown = rollouts[0].task.groups[0].shown
-    unit = shown.unit
+    unit, scale = rollouts[0].task.groups[0].shown
     numbers = {
-        f"first 10 % [{unit}]": ("max_error_first", shown.scale, 2),
-        f"last 10 % [{unit}]": ("max_error_last", shown.scale, 3),
+        f"first 10 % [{unit}]": ("max_error_first", scale, 2),
+        f"last 10 % [{unit}]": ("max_error_last", scale, 3),
         "[% of path]": ("error_share", 100.0, 2),
-        f"rms [{unit}]": ("rms_error_last", shown.scale, 3),
+        f"rms [{unit}]": ("rms_error_last", scale, 3),
         "last 10 % [deg]": ("max_angle_last", DISPLAYS["rad"].scale, 3),
-        f"not adapted [{unit}]": ("unadapted", shown.scale, 3),
+        f"not adapted [{unit}]": ("unadapted", scale, 3),
         "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
     }

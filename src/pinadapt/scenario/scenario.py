@@ -206,7 +206,7 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     Raises:
         InputError: they do not fit the robot.
     """
-    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera", "at")}
+    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
     true, task = described.changed(**own), described.task
     if isinstance(task, ImageTask) != bool(truth.get("camera")):
         raise ScenarioError(

@@ -8,7 +8,7 @@ translated: what a key may be, its default and its errors are those of that clas
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import is_dataclass
@@ -110,13 +110,12 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
-def checked(table: Any, path: str, names: Iterable[str]) -> Record:
+def checked(table: Any, path: str, names: Sequence[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
     Raises:
         ScenarioError: it is none, or a key is not allowed; the nearest is suggested.
     """
-    names = list(names)
     if not isinstance(table, Mapping):
         raise ScenarioError(f"expected a table, got {shown(table)}.", where=path)
     for key in table:
@@ -128,7 +127,7 @@ def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     return table
 
 
-def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) -> Tables:
+def read(table: Any, path: str, make: Make, names: Sequence[str] = ()) -> Tables:
     """Return the arguments of a class or function that a table holds, tables in it as objects.
 
     Raises:
@@ -182,7 +181,7 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
     ramp, given = table.pop("from_rest", None), table.pop("as_given", False)
     table.pop("kind", None)
-    found: Trajectory = made(MOTIONS[kind], table, path)
+    found = made(MOTIONS[kind], table, path)
     with located(path, _OF_MOTIONS):
         found = found if ramp is None else found.from_rest(ramp)
     return found.as_given() if given else found
@@ -204,7 +203,7 @@ def parts(tables: Tables) -> Tables:
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
             with located(name):
                 found[name] = make.of(table)  # type: ignore[attr-defined]
-        elif isinstance(make, type) and make is not dict:
+        elif is_dataclass(make):
             found[name] = made(make, table, name)
         else:
             found[name] = read(table, name, make, names)
@@ -248,7 +247,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
             where=str(path),
             hint=f"Write a scenario for it first: `pinadapt init {path}`.",
         )
-    return with_values(read_toml(path), dict(setting(text) for text in settings))
+    return with_values(read_toml(path), dict(map(setting, settings)))
 
 
 def with_values(tables: Record, values: Record) -> Tables:

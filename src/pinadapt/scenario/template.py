@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, cos, sin
+from math import ceil, cos, floor, log10, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -142,7 +142,7 @@ class Template:
             out[place] = frame.translation[place]
             length = TOOL_ERROR * robot.reach
             tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
-            found[name] = np.round(tool, 3 - int(np.floor(np.log10(length))))
+            found[name] = np.round(tool, 3 - floor(log10(length)))
         return found
 
     @cached_property
@@ -165,10 +165,10 @@ class Template:
         normal = np.cross(first, second)
         away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
         position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
-        covered = float(np.linalg.norm(position - p)) / _FOCAL
+        covered = np.linalg.norm(position - p) / _FOCAL
         out = cos(path.phase) * first + sin(path.phase) * second
         u, v, _ = pinhole_camera(position, p, _FOCAL)[:, :3] @ out
-        phase = round(float(np.arctan2(v, u)), 3)
+        phase = round(np.arctan2(v, u), 3)
         return View(position, _rounded(covered, 1), _rounded(path.radius / covered, 2), phase)
 
     @property
@@ -183,11 +183,11 @@ class Template:
             "friction": True,
             "armature": True,
         }
-        return dict(plain(found))
+        return plain(found)
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
-        turns = 2.0 * float(np.max(self.path.period))
+        turns = 2.0 * np.max(self.path.period)
         sensors = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         found = {
             "robot": self._robot(folder),
@@ -204,7 +204,7 @@ class Template:
             "engine": {"plant": "mujoco"} if self.robot.contacts else None,
             "sensors": sensors if self.filmed else None,
         }
-        return dict(plain(found))
+        return plain(found)
 
     def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source

@@ -83,7 +83,7 @@ class Values:
     key: str
     kind: str
     arguments: tuple[Any, ...]
-    names: tuple[str, ...] = ()
+    names: Sequence[str] = ()
 
     @classmethod
     def of(cls, key: str, given: Any) -> Values:
@@ -130,7 +130,7 @@ class Values:
             found = low + u * (high - low)
         return found.tolist() if self.shape else float(found[0])
 
-    def by_joint(self, names: tuple[str, ...]) -> Values:
+    def by_joint(self, names: Sequence[str]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
 
         Raises:
@@ -167,7 +167,7 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     if "(" not in text:
         return "list", [toml_value(part.strip()) for part in text.split(",")]
     tree: Any = ast.parse(text, mode="eval").body
-    kind, given = str(tree.func.id), [ast.literal_eval(each) for each in tree.args]
+    kind, given = tree.func.id, [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
         return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
     if kind == "choice":
@@ -189,8 +189,8 @@ def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
     from scipy.stats import qmc
 
     if method == "lhs":
-        return np.asarray(qmc.LatinHypercube(d, seed=rng).random(count))
-    return np.asarray(qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count])
+        return qmc.LatinHypercube(d, seed=rng).random(count)
+    return qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +307,7 @@ class Plan:
             listed = [fixed | case for case in listed or [{}]]
         tables["case"] = [each for case in listed for each in _expanded(case)]
         tables["vary"] = flat(mapping(tables.get("vary"), "vary"))
-        found: Plan = made(cls, tables, "sweep file")
-        return found
+        return made(cls, tables, "sweep file")
 
     def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
@@ -324,13 +323,13 @@ class Plan:
             parts(self._tables(values))
 
     @cached_property
-    def values(self) -> tuple[Values, ...]:
+    def values(self) -> list[Values]:
         """What is varied beside the listed cases; "KEY.*" has a number for each joint."""
         values = [Values.of(str(key), each) for key, each in self.vary.items()]
         if self.scenario is None or not any(each.key.endswith(".*") for each in values):
-            return tuple(values)
-        names = tuple(described_robot(self._tables(dict(*self.case[:1]))).joint_names)
-        return tuple(each.by_joint(names) for each in values)
+            return values
+        names = described_robot(self._tables(dict(*self.case[:1]))).joint_names
+        return [each.by_joint(names) for each in values]
 
     @cached_property
     def cases(self) -> list[Case]:

@@ -103,7 +103,7 @@ def resolved(function: Callable[..., Any] | str, path: str) -> Callable[..., Any
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found: Callable[..., Any] = getattr(import_module(module), name)
+        found = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",

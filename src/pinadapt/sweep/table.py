@@ -105,7 +105,7 @@ class CaseTable:
     @property
     def lost(self) -> np.ndarray:
         """Whether a case has no result (N): it diverged, was refused, failed, crashed or hung."""
-        return np.asarray(self["status"] != DONE)
+        return self["status"] != DONE
 
     def same_as(self, other: CaseTable) -> bool:
         """Return whether two tables are equal to the bit, but for the time that cases took."""

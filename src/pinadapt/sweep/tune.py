@@ -104,9 +104,9 @@ def tune(
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
 
-    def judge(chosen: Record, plan: Plan) -> Judged:
+    def judge(chosen: Row, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
-        changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
+        changed = (replace(case, values=case.values | chosen) for case in plan.cases)
         table = CaseTable(rows(plan, changed, executor))
         errors = np.full(len(table), np.inf)
         if not table.lost.all():
@@ -114,7 +114,7 @@ def tune(
         value = percentile(errors, share).value
         if not math.isfinite(value):
             value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
-        return Judged(dict(chosen), value, errors, rate(succeeded(table)))
+        return Judged(chosen, value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -56,12 +56,12 @@ class DrawnContacts:
                     Box([2 * length, 2 * width, 0.01]), overlay(0.5, Colour.CONE)
                 )
 
-    def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
-        """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
+    def place(self, motion: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
+        """Move everything to where a motion of the robot has it, with forces (F, c, 6)."""
         model = self._robot.model
         for contact, force in zip(self._robot.contacts, forces.swapaxes(0, 1), strict=True):
             node, frame = self._node[contact.frame], model.frames[frame_id(model, contact.frame)]
-            moved = joints[:, frame.parentJoint] @ frame.placement.homogeneous
+            moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
             at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
             normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
             if contact.sole is not None:

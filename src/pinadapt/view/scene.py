@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import meshcat
 import numpy as np
@@ -36,32 +35,16 @@ from .drawing import (
 RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
-class ChainMotion(NamedTuple):
-    """Where a chain of n joints with k task frames is at F moments.
-
-    Attributes:
-        joints: (F, n + 1, 4, 4) placements of the base and the joints [m], in the base's axes.
-        tips: (F, k, 3) the task frames' origins [m].
-    """
-
-    joints: np.ndarray
-    tips: np.ndarray
-
-    @property
-    def points(self) -> np.ndarray:
-        """All joint origins and tips (F (n + 1 + k), 3) [m]."""
-        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tips.reshape(-1, 3)])
-
-
 def motion_of(
     robot: Robot,
     q: np.ndarray,
     kinematics: TaskKinematics | None = None,
     a_k: np.ndarray | None = None,
-) -> ChainMotion:
-    """Return where the joints of a robot are at configurations q, in the axes of its base.
+) -> np.ndarray:
+    """Return where a robot of n joints and k task frames is at configurations q.
 
-    The robot is not changed.
+    That is a motion (F, n + 1 + k, 4, 4): placements of the base, the joints and the task frames in
+    the axes of the base [m]. The robot is not changed.
 
     Args:
         robot: the robot.
@@ -70,22 +53,26 @@ def motion_of(
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     robot = robot.in_base_axes
-    model, joints, tips = robot.model.copy(), [], []
+    model, motion = robot.model.copy(), []
     data, ends = model.createData(), [frame_id(model, name) for name in robot.frames]
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
         pin.forwardKinematics(model, data, configuration)
-        tips.append([pin.updateFramePlacement(model, data, k).translation.copy() for k in ends])
-        joints.append([placement.homogeneous for placement in data.oMi])
-    return ChainMotion(np.array(joints), np.array(tips))
+        tips = [pin.updateFramePlacement(model, data, end) for end in ends]
+        motion.append([placement.homogeneous for placement in [*data.oMi, *tips]])
+    return np.array(motion)
 
 
-def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMotion:
-    """Return where the joints of a robot that changes are, at q (F, nq) and times t (F) [s]."""
+def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the motion of a robot that changes, at q (F, nq) and times t (F) [s]."""
     which = robots.index(t)
-    motions = [motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)]
-    return ChainMotion(*map(np.concatenate, zip(*motions, strict=True)))
+    return np.concatenate([motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)])
+
+
+def tips_of(robot: Robot, motion: np.ndarray) -> np.ndarray:
+    """Return the origins (F, k, 3) of the task frames in a motion of a robot [m]."""
+    return motion[:, robot.model.njoints :, :3, 3]
 
 
 def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
@@ -111,7 +98,7 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
         path[:, task.place] = x_d[:, : task.positions]
         path = (path - tracker.translation) @ tracker.rotation
     else:
-        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tips
+        return tips_of(true, motion_of(true, np.array([true.configuration(x) for x in x_d])))
     return path[:, None]
 
 
@@ -131,7 +118,7 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     half = 0.5 * (high - low)
-    box = half + 0.3 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    box = half + 0.3 * max(half.max(), 1e-3)  # bodies extend beyond the joints' origins
     target = axes @ (0.5 * (low + high))
     return {"target": target.tolist(), "direction": axes[:, 2].tolist(), "box": box.tolist()}
 
@@ -162,16 +149,15 @@ class DrawnRobot:
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
-    def place(self, motion: ChainMotion, poses: Keyframes) -> None:
+    def place(self, motion: np.ndarray, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        joints, tips = motion.joints.swapaxes(0, 1), motion.tips.swapaxes(0, 1)
-        for index, place in enumerate(joints):
-            turn = Rotation.from_matrix(place[:, :3, :3])
-            poses.move(self.node[f"joint {index}"], place[:, :3, 3], turn)
-        points = [*joints[:, :, :3, 3], *tips]
+        points, joints = motion[:, :, :3, 3].swapaxes(0, 1), self.robot.model.njoints
+        for index in range(joints):
+            turn = Rotation.from_matrix(motion[:, index, :3, :3])
+            poses.move(self.node[f"joint {index}"], points[index], turn)
         for node, start, end in self._rods:
             poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
-        for node, tip in zip(self._tips, tips, strict=True):
+        for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
     def stick_figure(self, material: Material) -> None:
@@ -189,7 +175,7 @@ class DrawnRobot:
         """Draw each load of the robot of this number in the succession as a ball of steel."""
         for k, (joint, load) in enumerate(robot.loads):
             node = self.node[f"joint {joint}"][f"load {number}"]
-            radius = float(np.cbrt(0.75 / np.pi * load.mass / 7850.0))  # of steel [kg/m^3]
+            radius = np.cbrt(0.75 / np.pi * load.mass / 7850.0)  # of steel [kg/m^3]
             node[f"{k}"].set_object(Sphere(radius), ghost(0.6, Colour.LOAD))
             node[f"{k}"].set_transform(translation_matrix(load.lever))
             self.loads.append((number, node))
@@ -245,9 +231,11 @@ class Scene:
         self.robots, self.controller = robots, controller
         self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
-        self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
+        self.traced = tips_of(true, motion)
+        path = desired_tips(true, x_d, self.traced).swapaxes(0, 1)
         way = path.reshape(-1, 3)
-        self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
+        points = motion[:, :, :3, 3].reshape(-1, 3)
+        self.viewpoint = viewpoint(np.vstack([points, way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
         self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
@@ -271,7 +259,7 @@ class Scene:
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
-        floor = min(0.0, motion_of(true, true.q0[None]).points[:, 2].min())
+        floor = min(0.0, motion_of(true, true.q0[None])[:, :, 2, 3].min())
         self.root["/Grid"].set_transform(translation_matrix([0.0, 0.0, floor]))
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
@@ -296,10 +284,11 @@ class Scene:
         rows = [(s.t, s.truth.q, s.desired.x_d, s.state.a_k) for s in samples]
         t, q, x_d, a_k = (np.array(each) for each in zip(*rows, strict=True))
         motion = motion_in_time(self.robots, t, q)
+        tips = tips_of(self.true, motion)
         self._solid.place(motion, poses)
-        self._contacts.place(motion.joints, chosen_forces(self.controller, samples), poses)
+        self._contacts.place(motion, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        desired = desired_tips(self.true, x_d, motion.tips).swapaxes(0, 1)
+        desired = desired_tips(self.true, x_d, tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
         still = np.zeros((len(t), 3))
@@ -310,7 +299,7 @@ class Scene:
             moment, values = round(sample.t, 4), self._reading(sample)
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
             self.window.note(("reading", moment), reading={"t": moment, "values": read})
-        return motion.tips
+        return tips
 
     @property
     def units(self) -> dict[str, str]:
