@@ -257,10 +257,8 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
         GainError: wrong shape, no numbers, too large, asymmetric or not positive definite.
     """
     array = numbers(value, name, error=GainError)
-    if array.ndim == 0:
-        array = np.eye(size) * array
-    elif array.shape == (size,):
-        array = np.diag(array)
+    if array.shape in ((), (size,)):
+        array = np.diag(np.broadcast_to(array, size))
     if array.shape != (size, size):
         raise GainError(
             f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.",

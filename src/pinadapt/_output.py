@@ -184,15 +184,15 @@ _ALIGNED = {"l": "left", "r": "right"}
 
 
 class Table(NamedTuple):
-    """A table of texts; with a header, columns between the first and the last are right-aligned.
+    """A table; with a header, columns between the first and the last are right-aligned.
 
     Attributes:
-        rows: the cells of each row.
+        rows: the values of each row, written as ``cell`` does.
         header: a title for each column; empty: no header.
         title: above the table; empty: none.
     """
 
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[Any]]
     header: Sequence[str] = ()
     title: str = ""
 
@@ -200,7 +200,7 @@ class Table(NamedTuple):
     def of(cls, records: Sequence[Any]) -> Table:
         """Return a row for each of some named tuples, a column for each of their fields."""
         header = [name.replace("_", " ") for name in records[0]._fields]
-        return cls([list(map(cell, one)) for one in records], header)
+        return cls(records, header)
 
     @property
     def sides(self) -> str:
@@ -214,7 +214,7 @@ class Table(NamedTuple):
         drawn = Texttable(max_width=0)
         drawn.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
         drawn.set_header_align(self.sides).set_cols_align(self.sides)
-        drawn.set_cols_dtype(["t"] * len(self.sides))
+        drawn.set_cols_dtype([cell] * len(self.sides))
         rows = [self.header, *self.rows] if self.header else self.rows
         lines = drawn.add_rows(rows, header=bool(self.header)).draw().splitlines()
         return "\n".join([*filter(None, [self.title]), *(line.rstrip() for line in lines)])
@@ -222,17 +222,17 @@ class Table(NamedTuple):
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
 
-        def row(kind: str, cells: Sequence[str]) -> str:
+        def row(kind: str, values: Sequence[Any]) -> str:
             """Return one row."""
             drawn = (
-                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell)}</{kind}>'
-                for cell, side in zip(cells, self.sides, strict=True)
+                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell(value))}</{kind}>'
+                for value, side in zip(values, self.sides, strict=True)
             )
             return f"<tr>{''.join(drawn)}</tr>"
 
         title = f"<h2>{escape(self.title)}</h2>" if self.title else ""
         head = row("th", self.header) if self.header else ""
-        return f"{title}<table>{head}{''.join(row('td', cells) for cells in self.rows)}</table>"
+        return f"{title}<table>{head}{''.join(row('td', values) for values in self.rows)}</table>"
 
 
 def records_table(
@@ -256,9 +256,9 @@ def records_table(
     }
     rows = [
         [
-            *(str(record.get(key, "-")) for key in texts.values()),
+            *(record.get(key) for key in texts.values()),
             *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
-            str(record.get("verdict", "")),
+            record.get("verdict", ""),
         ]
         for record in records
     ]

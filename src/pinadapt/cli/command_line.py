@@ -130,7 +130,7 @@ def robots(options: Namespace) -> int:
     from ..description.catalogue import catalogue
 
     shown = ("name", "joints", "task", "frame", "origin", "about")
-    rows = [[str(getattr(each, name)) for name in shown] for each in catalogue().values()]
+    rows = [[getattr(each, name) for name in shown] for each in catalogue().values()]
     print(Table(rows, shown))
     return Exit.DONE
 

@@ -82,12 +82,15 @@ def drive_arguments(parser: ArgumentParser) -> None:
         help="for `pinadapt tell` and `view`, on this machine only (default: any)",
     )
     franka = parser.add_argument_group("only of a Franka")
-    of_franka = {
-        "recover": {"action": "store_true"},
-        "collision": {"type": float, "nargs": 7, "metavar": "NM"},
-        "forces": {"type": float, "nargs": 6, "metavar": "N"},
-    }
-    add_arguments_of(franka, FrankaArm.__init__, of_franka)
+    add_arguments_of(
+        franka,
+        FrankaArm.__init__,
+        {
+            "recover": {"action": "store_true"},
+            "collision": {"type": float, "nargs": 7, "metavar": "NM"},
+            "forces": {"type": float, "nargs": 6, "metavar": "N"},
+        },
+    )
     franka.add_argument(
         "--load",
         metavar="JSON",
@@ -114,8 +117,7 @@ def drive(options: Namespace) -> int:
         InputError: arm, scenario or settings cannot be used.
         ArmError: the arm refuses.
     """
-    numbers = dict(setting(text, "--safety") for text in options.safety)
-    safety = made(Safety, numbers, "safety")
+    safety = made(Safety, dict(setting(text, "--safety") for text in options.safety), "safety")
     for name in given(options, ("load", *_COLLISION)):
         if options.kind != "franka":
             raise InputError("is set on a Franka only.", where=f"--{name}")
@@ -125,16 +127,15 @@ def drive(options: Namespace) -> int:
     for finding in preflight(controller, controller.period):
         print(f"pre-run check: {finding}")
     path = options.log or Path("out") / time.strftime("drive-%Y%m%d-%H%M%S.mcap")
-    about = {
-        "scenario": json.dumps(tables),
-        "folder": str(folder.resolve()),
-        "arm": options.kind,
-        "stage": options.stage.value,
-    }
     recorder = Recorder(
         path,
         controller,
-        about=about,
+        about={
+            "scenario": json.dumps(tables),
+            "folder": str(folder.resolve()),
+            "arm": options.kind,
+            "stage": options.stage.value,
+        },
         port=options.port,
         translate={"reference": partial(_new_motion, scenario.estimated)},
     )
@@ -286,10 +287,7 @@ def replay(options: Namespace) -> int:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
     names = scenario.controller.kinematics.joint_names
     largest = np.abs(found.torque - found.logged).max(axis=0)
-    rows = [
-        (name, f"{rms:.4g}", f"{most:.4g}")
-        for name, rms, most in zip(names, found.difference, largest, strict=True)
-    ]
+    rows = list(zip(names, found.difference, largest, strict=True))
     table = Table(rows, ("[N m, N]", "difference, rms", "largest"))
     print(Report(f"{len(log)} cycles of {options.log}", [table]))
     if found.same:

@@ -58,9 +58,17 @@ def identify_arguments(parser: ArgumentParser) -> None:
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
-    of_log = {"test": several, "empty": Path, "total_mass": float, "known_load": float}
-    of_log["mass_bounds"] = {"type": _bounds, "action": "append", "metavar": "JOINT=LOW,HIGH"}
-    add_arguments_of(parser, identify_log, of_log)
+    add_arguments_of(
+        parser,
+        identify_log,
+        {
+            "test": several,
+            "empty": Path,
+            "total_mass": float,
+            "known_load": float,
+            "mass_bounds": {"type": _bounds, "action": "append", "metavar": "JOINT=LOW,HIGH"},
+        },
+    )
     parser.add_argument(
         "--compare",
         type=Path,
@@ -125,18 +133,21 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
         help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
         "stands for the joint's name or index; in a file without header numbers, such as q=2-8",
     )
-    types = {
-        "joints": _joint_names,
-        "rate": float,
-        "repeated": REPEATED,
-        "degrees": bool,
-        **dict.fromkeys(("gear", "torque_gain", "offset", "gravity"), _listed),
-        "flip": names,
-        **dict.fromkeys(("topic", "pose_topic"), str),
-        "compensated": ("nominal",),
-        "mount": MOUNTS,
-    }
-    add_arguments_of(group, ImportOptions, types)
+    add_arguments_of(
+        group,
+        ImportOptions,
+        {
+            "joints": _joint_names,
+            "rate": float,
+            "repeated": REPEATED,
+            "degrees": bool,
+            **dict.fromkeys(("gear", "torque_gain", "offset", "gravity"), _listed),
+            "flip": names,
+            **dict.fromkeys(("topic", "pose_topic"), str),
+            "compensated": ("nominal",),
+            "mount": MOUNTS,
+        },
+    )
     group.add_argument(
         "--accept-doubts",
         dest="doubtful",

@@ -108,8 +108,9 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
-    eigenvalue = run.min_eig_M_hat[:, None]
-    curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
+    curves(
+        axes[-1], run.t, run.min_eig_M_hat[:, None], ["of the estimated M"], "smallest eigenvalue"
+    )
     finish(figure, axes, run)
     return figure
 

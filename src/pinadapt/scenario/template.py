@@ -127,9 +127,8 @@ class Template:
     @property
     def name(self) -> str:
         """Name of the file, and the title."""
-        if not is_path(self.source):
-            return self.source
-        return Path(self.source.removesuffix(".xacro")).stem
+        source = self.source
+        return Path(source.removesuffix(".xacro")).stem if is_path(source) else source
 
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
@@ -176,35 +175,37 @@ class Template:
         """The table [unknown]."""
         if self.robot.contacts:
             return {"bodies": "payload", "friction": False, "armature": False}
-        found = {
-            "tracker": self.tracker or None,
-            "tool": self.robot.task.positions > 0 or None,
-            "bodies": "all",
-            "friction": True,
-            "armature": True,
-        }
-        return plain(found)
+        return plain(
+            {
+                "tracker": self.tracker or None,
+                "tool": self.robot.task.positions > 0 or None,
+                "bodies": "all",
+                "friction": True,
+                "armature": True,
+            }
+        )
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
         turns = 2.0 * np.max(self.path.period)
         sensors = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
-        found = {
-            "robot": self._robot(folder),
-            "truth": self._truth(),
-            "unknown": self.unknown,
-            "controller": {
-                "law": DEFAULT,
-                "adaptation": self.controller.adaptation_d.name,
-                "dt": self.controller.period,
-            },
-            "limits": {"governor": True},
-            "trajectory": self._motion(),
-            "simulation": {"duration": float(ceil(max(10.0, turns)))},
-            "engine": {"plant": "mujoco"} if self.robot.contacts else None,
-            "sensors": sensors if self.filmed else None,
-        }
-        return plain(found)
+        return plain(
+            {
+                "robot": self._robot(folder),
+                "truth": self._truth(),
+                "unknown": self.unknown,
+                "controller": {
+                    "law": DEFAULT,
+                    "adaptation": self.controller.adaptation_d.name,
+                    "dt": self.controller.period,
+                },
+                "limits": {"governor": True},
+                "trajectory": self._motion(),
+                "simulation": {"duration": float(ceil(max(10.0, turns)))},
+                "engine": {"plant": "mujoco"} if self.robot.contacts else None,
+                "sensors": sensors if self.filmed else None,
+            }
+        )
 
     def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source

@@ -287,7 +287,7 @@ class Plan:
         varied = dict(mapping(tables.get("vary"), "vary"))
         tables["vary"] = varied | dict(setting(key, "--vary") for key in vary)
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
-        return cls.of(tables | {key: each for key, each in options.items() if each is not None})
+        return cls.of(tables | plain(options))
 
     @classmethod
     def of(cls, tables: Record) -> Plan:

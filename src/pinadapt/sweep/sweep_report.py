@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Report, Table, cell, html_page, percent, write_json, write_text
+from .._output import Report, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
@@ -204,13 +204,13 @@ class SweepReport:
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
         columns, table = ["case", *self.parameters, *names], self.table.rows()
-        return Table([[cell(table[i][name]) for name in columns] for i in rows], columns, title)
+        return Table([[table[i][name] for name in columns] for i in rows], columns, title)
 
     def sheet(self) -> Report:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
         tables, chosen = [], self.lost
         if self.results:
-            rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
+            rows = [[name, *each, ""] for name, each in self.percentiles.items()]
             header = ["result", *(f"{p:.0%} (95% interval)" for p in PERCENTILES), ""]
             tables.append(Table(rows, header, "Results"))
             tables.append(self._listed("Worst cases", self.worst, [self.main]))
@@ -235,19 +235,22 @@ class SweepReport:
         """Write ``report.html``, ``report.json`` and the figures into a folder."""
         for name, drawn in self._pictures.items():
             write_text(folder / name, drawn)
-        numbers = {
-            "title": self.title,
-            "verdict": self.verdict(),
-            "cases": len(self.table),
-            "planned": len(self.plan.cases),
-            "lost": int(self.table.lost.sum()),
-            "success": self.success._asdict(),
-            "percentiles": {
-                name: [each._asdict() for each in found] for name, found in self.percentiles.items()
+        write_json(
+            folder / NUMBERS,
+            {
+                "title": self.title,
+                "verdict": self.verdict(),
+                "cases": len(self.table),
+                "planned": len(self.plan.cases),
+                "lost": int(self.table.lost.sum()),
+                "success": self.success._asdict(),
+                "percentiles": {
+                    name: [each._asdict() for each in found]
+                    for name, found in self.percentiles.items()
+                },
+                "version": __version__,
             },
-            "version": __version__,
-        }
-        write_json(folder / NUMBERS, numbers)
+        )
         write_text(folder / PAGE, self.page())
 
     @cached_property

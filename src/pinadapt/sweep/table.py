@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import word
-from .._output import Record, Table, cell, plain, read_as_data, write_text
+from .._output import Record, Table, plain, read_as_data, write_text
 from ..exceptions import InputError
 from ..scenario.tables import flat
 
@@ -138,7 +138,7 @@ class CaseTable:
 
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
-        shown = [list(map(cell, row.values())) for row in self._rows[:PRINTED_ROWS]]
+        shown = [list(row.values()) for row in self._rows[:PRINTED_ROWS]]
         if len(self) > PRINTED_ROWS:
             shown.append(["..."] * len(self.names))
         return str(Table(shown, self.names))

@@ -56,7 +56,7 @@ class Tuned:
             [
                 words,
                 *(_amount(numbers[on][of]) for on in ("search", "validation")),
-                str(Rate(**numbers["success"][of])),
+                Rate(**numbers["success"][of]),
             ]
             for of, words in {"default": "defaults", "best": "found"}.items()
         ]
@@ -136,18 +136,19 @@ def tune(
     other = replace(plan, seed=plan.seed + 1, **more)
     default, chosen = judge({}, other), judge(best.gains, other)
     words, better = verdict(default, chosen)
-    numbers = {
-        "verdict": words,
-        "better": better,
-        "objective": f"{share:.0%} percentile of {objective}",
-        "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
-        "gains": best.gains,
-        "search": {"default": before.objective, "best": best.objective},
-        "validation": {"default": default.objective, "best": chosen.objective},
-        "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
-        "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
-    }
-    return Tuned(numbers)
+    return Tuned(
+        {
+            "verdict": words,
+            "better": better,
+            "objective": f"{share:.0%} percentile of {objective}",
+            "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
+            "gains": best.gains,
+            "search": {"default": before.objective, "best": best.objective},
+            "validation": {"default": default.objective, "best": chosen.objective},
+            "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
+            "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
+        }
+    )
 
 
 def searched(gains: Record, plan: Plan) -> dict[str, Values]:

@@ -87,8 +87,9 @@ class Window:
 
 def solid(colour: int, opacity: float = 1.0, **options: Any) -> MeshLambertMaterial:
     """Return a material, opaque by default, with options of three.js."""
-    glow = {"emissive": colour, "emissiveIntensity": 0.35}
-    return MeshLambertMaterial(color=colour, opacity=opacity, **glow, **options)
+    return MeshLambertMaterial(
+        color=colour, opacity=opacity, emissive=colour, emissiveIntensity=0.35, **options
+    )
 
 
 def overlay(opacity: float, colour: int) -> MeshLambertMaterial:

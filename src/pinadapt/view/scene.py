@@ -16,8 +16,8 @@ from ..controller.state import Sample
 from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
-from ..tasks.frame import FrameTask, ImageTask
-from ..tasks.several_frames import FramesTask
+from ..tasks.frame import ImageTask
+from ..tasks.task import JointTask
 from .contacts import HIDDEN, DrawnContacts, chosen_forces
 from .drawing import (
     Colour,
@@ -85,21 +85,16 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
             coordinates outside of the task.
     """
     task, tracker = true.task, true.tracker or pin.SE3.Identity()
-    if isinstance(task, FramesTask):
-        parts = np.swapaxes([[*task.parts(x)] for x in x_d], 0, 1)
-        own = enumerate(zip(task.frames, parts, strict=True))
-        each = [desired_tips(true.of_frame(name), x, tips[:, [k]]) for k, (name, x) in own]
-        return np.concatenate(each, axis=1)
-    path = np.array(np.broadcast_to(tips[:, 0], (len(x_d), 3)))
-    if isinstance(task, ImageTask):
-        path = np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
-    elif isinstance(task, FrameTask):
-        path = path @ tracker.rotation.T + tracker.translation
-        path[:, task.place] = x_d[:, : task.positions]
-        path = (path - tracker.translation) @ tracker.rotation
-    else:
+    if isinstance(task, JointTask):
         return tips_of(true, motion_of(true, np.array([true.configuration(x) for x in x_d])))
-    return path[:, None]
+    path = np.broadcast_to(tips, (len(x_d), *tips.shape[1:]))
+    if isinstance(task, ImageTask):
+        nearest = [task.nearest(*each) for each in zip(path[:, 0], x_d, strict=True)]
+        return np.array(nearest)[:, None]
+    path = path @ tracker.rotation.T + tracker.translation
+    place = true.of_frame(true.frames[0]).frame_task.place
+    path[..., place] = x_d[:, : task.positions].reshape(*path.shape[:2], -1)
+    return (path - tracker.translation) @ tracker.rotation
 
 
 def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
@@ -143,7 +138,7 @@ class DrawnRobot:
             tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        self._rods: list[tuple[Node, int, int]] = []
+        self._parents: list[int] = []
         self.loads: list[tuple[int, Node]] = []
         self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
         for end in self._tips:
@@ -155,8 +150,10 @@ class DrawnRobot:
         for index in range(joints):
             turn = Rotation.from_matrix(motion[:, index, :3, :3])
             poses.move(self.node[f"joint {index}"], points[index], turn)
-        for node, start, end in self._rods:
-            poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
+        for end, start in enumerate(self._parents):
+            if end:
+                bone = rod(points[start], points[end], 0.025 * self.size)
+                poses.move(self.node[f"rod {end}"], *bone)
         for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
@@ -164,11 +161,11 @@ class DrawnRobot:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
         model = self.robot.model
         tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
-        for end, start in enumerate([*model.parents, *tips]):
+        self._parents = [*model.parents, *tips]
+        for end in range(len(self._parents)):
             if end < model.njoints:
                 self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
-                self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def add_loads(self, number: int, robot: Robot) -> None:
@@ -240,8 +237,8 @@ class Scene:
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
         self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
         self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
-        estimated = controller.kinematics.robot
-        self._ghost = DrawnRobot(self.root["estimated"], estimated, size, ghost(0.6))
+        kinematics = controller.kinematics
+        self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and true.visual.ngeoms:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
@@ -255,7 +252,6 @@ class Scene:
             self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
             self._points.append(self.root[_numbered("desired point", k)])
             self._points[k].set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
-        kinematics = controller.kinematics
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
@@ -304,8 +300,7 @@ class Scene:
     @property
     def units(self) -> dict[str, str]:
         """Label -> unit of each curve: errors of the task, and of estimated translations."""
-        groups = self.true.task.groups
-        units = {f"{group.name} error": group.shown.unit for group in groups}
+        units = {f"{group.name} error": group.shown.unit for group in self.true.task.groups}
         return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
 
     def _reading(self, sample: Sample) -> list[float]:
