@@ -213,7 +213,8 @@ def vector(
     if array.ndim == 0 and fills:
         array = np.full(1 if size is None else size, float(array))
     if array.ndim != 1 or size not in (None, array.size):
-        count, which = "a list of" if size is None else size, f" {list(names)}" if names else ""
+        count = "a list of" if size is None else size
+        which = f" {list(names)}" if names else ""
         raise error(f"expected {count} numbers{which}, got shape {array.shape}.", where=name)
     return array
 

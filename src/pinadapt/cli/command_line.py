@@ -84,7 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown, warnings.showwarning = warnings.showwarning, partial(_show_once, set())
+    shown = warnings.showwarning
+    warnings.showwarning = partial(_show_once, set())
     try:
         with stopped_by_signals():
             options = _options(arguments)

@@ -170,9 +170,11 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
     Raises:
         InputError: the scenario is missing, or has a load already, or its robot no flange.
     """
-    tables, folder = FRANKA, Path()
+    tables = FRANKA
+    folder = Path()
     if options.file is not None:
-        tables, folder = read_tables(options.file, options.set), options.file.parent
+        tables = read_tables(options.file, options.set)
+        folder = options.file.parent
     elif options.kind != "franka":
         raise ScenarioError(
             "is needed for this arm.",

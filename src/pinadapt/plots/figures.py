@@ -29,7 +29,8 @@ def error_figure(run: Drawable) -> Picture:
     figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
     for k, group in enumerate(groups):
         unit, scale = group.shown
-        error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
+        error = scale * run.error[:, group.rows]
+        label = f"{group.name} error [{unit}]"
         curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
     if run.lyapunov_curve is not None:
@@ -96,7 +97,8 @@ def torque_figure(run: Drawable) -> Picture:
     The limits are those of the description. The disturbance is drawn where the law observes it. The
     eigenvalue is the smallest of the estimated mass matrix.
     """
-    names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
+    names = run.joint_names
+    limited = np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
     figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")

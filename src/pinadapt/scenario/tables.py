@@ -179,7 +179,8 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     kind = table.get("kind", usual) if isinstance(table, Mapping) else usual
     word(kind, MOTIONS, f"{path}.kind")
     table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
-    ramp, given = table.pop("from_rest", None), table.pop("as_given", False)
+    ramp = table.pop("from_rest", None)
+    given = table.pop("as_given", False)
     table.pop("kind", None)
     found = made(MOTIONS[kind], table, path)
     with located(path, _OF_MOTIONS):

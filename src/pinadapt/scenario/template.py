@@ -135,7 +135,8 @@ class Template:
         """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
         found = {}
         for name in self.robot.frames:
-            robot, out = self.robot.of_frame(name), np.zeros(3)
+            robot = self.robot.of_frame(name)
+            out = np.zeros(3)
             frame = robot.placement(robot.q0)
             place = robot.frame_task.place if robot.task.positions else slice(None)
             out[place] = frame.translation[place]
@@ -157,7 +158,8 @@ class Template:
     @cached_property
     def view(self) -> View:
         """A camera two reaches before the circle's plane and somewhat aside."""
-        path, p = self.path, self.robot.placement(self.robot.q0).translation
+        path = self.path
+        p = self.robot.placement(self.robot.q0).translation
         assert isinstance(path, Circle)
         axes = np.eye(3)[self.robot.frame_task.place]
         first, second = (axes["xyz".index(axis)] for axis in path.plane)
@@ -208,7 +210,8 @@ class Template:
         )
 
     def _robot(self, folder: Path) -> Tables:
-        robot, source = self.robot, self.source
+        robot = self.robot
+        source = self.source
         if is_path(source) and not Path(source).is_absolute():
             source = os.path.relpath(source, folder.resolve())
         several = len(robot.frames) > 1
@@ -228,7 +231,8 @@ class Template:
 
     def _truth(self) -> Tables:
         robot = self.robot
-        mass, radius = TOOL_ERROR * robot.mass / len(robot.frames), TOOL_ERROR * robot.reach
+        mass = TOOL_ERROR * robot.mass / len(robot.frames)
+        radius = TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
         tracker = {  # the base as the tracker sees it
@@ -318,7 +322,8 @@ def scenario_text(template: Template, folder: Path) -> str:
 
     Meanings are the first sentences of the docstrings of the classes and functions.
     """
-    lines, remarks = [f"title = {_written(template.name)}"], template.remarks()
+    lines = [f"title = {_written(template.name)}"]
+    remarks = template.remarks()
     for name, table in template.tables(folder).items():
         about = meanings(MOTIONS[table["kind"]] if name == "trajectory" else KEYS[name][0])
         lines += ["", *_comment(_ABOUT[name]), f"[{name}]"]

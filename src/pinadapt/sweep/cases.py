@@ -167,7 +167,8 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     if "(" not in text:
         return "list", [toml_value(part.strip()) for part in text.split(",")]
     tree: Any = ast.parse(text, mode="eval").body
-    kind, given = tree.func.id, [ast.literal_eval(each) for each in tree.args]
+    kind = tree.func.id
+    given = [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
         return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
     if kind == "choice":
@@ -274,13 +275,15 @@ class Plan:
         Raises:
             InputError: the file cannot be used.
         """
-        tables, folder = read_toml(path), path.resolve().parent
+        tables = read_toml(path)
+        folder = path.resolve().parent
         above = folder  # from which modules beside the file are imported
         while (above / "__init__.py").is_file():
             above = above.parent
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
-            tables["scenario"], folder = read_toml(named), named.resolve().parent
+            tables["scenario"] = read_toml(named)
+            folder = named.resolve().parent
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
@@ -299,7 +302,8 @@ class Plan:
             InputError: they cannot be used.
         """
         tables = dict(tables)
-        fixed, listed = tables.pop("set", {}), tables.get("case", [])
+        fixed = tables.pop("set", {})
+        listed = tables.get("case", [])
         if "scenario" in tables:
             tables["scenario"] = with_values(tables["scenario"], fixed)
             listed = [flat(case) for case in listed]

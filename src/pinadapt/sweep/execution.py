@@ -146,7 +146,8 @@ def numbers_of(rollout: Rollout) -> Row:
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    numbers, limits = rollout.numbers, rollout.effort_limits
+    numbers = rollout.numbers
+    limits = rollout.effort_limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
@@ -256,7 +257,8 @@ def _as_ended(
     futures = {executor.submit(task, case): case for case in cases}
     try:
         for future in as_completed(futures):
-            case, error = futures[future], future.exception()
+            case = futures[future]
+            error = future.exception()
             if error is None or isinstance(error, InputError):  # no process can be started
                 yield future.result()
                 continue
@@ -284,7 +286,8 @@ def rows(
     Raises:
         InputError: a function cannot be imported, or no process can be started.
     """
-    work, timeout = work_of(plan), plan.timeout
+    work = work_of(plan)
+    timeout = plan.timeout
     if executor is not None and not isinstance(executor, Executor):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):

@@ -127,7 +127,8 @@ def tune(
         )
         for key, values in found.items()
     }
-    before, tried = judge({}, plan), []
+    before = judge({}, plan)
+    tried = []
     for _ in watched(range(trials), None, "tune"):
         trial = study.ask(spaces)
         tried.append(judge(trial.params, plan))
@@ -182,7 +183,8 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
     from scipy.stats import wilcoxon
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
-    found, before = best.errors[both], default.errors[both]
+    found = best.errors[both]
+    before = default.errors[both]
     p = 1.0
     if (found != before).any():
         p = float(wilcoxon(found, before, alternative="less").pvalue)

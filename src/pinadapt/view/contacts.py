@@ -60,7 +60,8 @@ class DrawnContacts:
         """Move everything to where a motion of the robot has it, with forces (F, c, 6)."""
         model = self._robot.model
         for contact, force in zip(self._robot.contacts, forces.swapaxes(0, 1), strict=True):
-            node, frame = self._node[contact.frame], model.frames[frame_id(model, contact.frame)]
+            node = self._node[contact.frame]
+            frame = model.frames[frame_id(model, contact.frame)]
             moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
             at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
             normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)

@@ -180,11 +180,13 @@ def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Mo
 
     Below its twin each is drawn as a ghost.
     """
-    visual, first = visual.copy(), dict[Any, Node]()
+    visual = visual.copy()
+    first = dict[Any, Node]()
     artist = Artist(model, None, visual)
     artist.initViewer(viewer=root)
     for number, shape in enumerate(visual.geometryObjects):
-        joint, shape.name = f"joint {shape.parentJoint}", f"shape {number}"
+        joint = f"joint {shape.parentJoint}"
+        shape.name = f"shape {number}"
         place, shadow = root[joint][shape.name], twin[joint][shape.name]
         for node in (place, shadow):
             node.set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
@@ -192,7 +194,8 @@ def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Mo
         if shape.meshPath and mesh in first:
             root.window.copy(first[mesh], place)
         else:
-            first[mesh], artist.viewerVisualGroupName = place, joint
+            first[mesh] = place
+            artist.viewerVisualGroupName = joint
             artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
         root.window.copy(place, shadow, as_ghost=True)
 
@@ -226,7 +229,8 @@ class Keyframes:
         turns = Rotation.identity(len(position)) if rotation is None else rotation
         sizes = np.ones_like(position) if scale is None else scale
         first = np.eye(4)
-        first[:3, :3], first[:3, 3] = turns[0].as_matrix() * sizes[0], position[0]
+        first[:3, :3] = turns[0].as_matrix() * sizes[0]
+        first[:3, 3] = position[0]
         node.set_transform(first)
         tracks = {"position": position, "quaternion": turns.as_quat(), "scale": sizes}
         for name, values in tracks.items():

@@ -148,7 +148,8 @@ class LiveView:
         """
         self._last: Sample | None = None
         self._traced: list[np.ndarray] = []
-        t, q = np.linspace(0.0, duration, 600), true.q0[None]
+        t = np.linspace(0.0, duration, 600)
+        q = true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
         self._scene = Scene(Succession.of(true, changes), controller, t, q, x_d, t[:1])
         html = page(self._scene, title or true.name, duration, live=True)
@@ -160,7 +161,8 @@ class LiveView:
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
-        due, started = 0.0, None
+        due = 0.0
+        started = None
         for sample in samples:
             self._last = sample
             if sample.t >= due:

@@ -53,8 +53,10 @@ def motion_of(
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     robot = robot.in_base_axes
-    model, motion = robot.model.copy(), []
-    data, ends = model.createData(), [frame_id(model, name) for name in robot.frames]
+    model = robot.model.copy()
+    motion = []
+    data = model.createData()
+    ends = [frame_id(model, name) for name in robot.frames]
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
@@ -84,7 +86,8 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
         tips: (L, k, 3) or (1, k, 3) actual positions of the tools [m] in the same axes, for
             coordinates outside of the task.
     """
-    task, tracker = true.task, true.tracker or pin.SE3.Identity()
+    task = true.task
+    tracker = true.tracker or pin.SE3.Identity()
     if isinstance(task, JointTask):
         return tips_of(true, motion_of(true, np.array([true.configuration(x) for x in x_d])))
     path = np.broadcast_to(tips, (len(x_d), *tips.shape[1:]))
@@ -146,7 +149,8 @@ class DrawnRobot:
 
     def place(self, motion: np.ndarray, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        points, joints = motion[:, :, :3, 3].swapaxes(0, 1), self.robot.model.njoints
+        points = motion[:, :, :3, 3].swapaxes(0, 1)
+        joints = self.robot.model.njoints
         for index in range(joints):
             turn = Rotation.from_matrix(motion[:, index, :3, :3])
             poses.move(self.node[f"joint {index}"], points[index], turn)
@@ -223,7 +227,8 @@ class Scene:
             x_d: (L, .) desired task coordinates.
             moments: (F) that are shown [s].
         """
-        self.window, self.poses = Window(), Keyframes(moments)
+        self.window = Window()
+        self.poses = Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
         self.robots, self.controller = robots, controller
         self.true = true = robots.robots[0]
@@ -276,7 +281,8 @@ class Scene:
 
     def show(self, samples: Sequence[Sample]) -> np.ndarray:
         """Move everything to F samples, note the curves, and return the true tips (F, k, 3) [m]."""
-        kinematics, poses = self.controller.kinematics, self.poses
+        kinematics = self.controller.kinematics
+        poses = self.poses
         rows = [(s.t, s.truth.q, s.desired.x_d, s.state.a_k) for s in samples]
         t, q, x_d, a_k = (np.array(each) for each in zip(*rows, strict=True))
         motion = motion_in_time(self.robots, t, q)
@@ -292,7 +298,8 @@ class Scene:
             carried = self.robots.index(t)[:, None] == number
             poses.move(node, still, None, np.where(carried, still + 1.0, HIDDEN))
         for sample in samples:
-            moment, values = round(sample.t, 4), self._reading(sample)
+            moment = round(sample.t, 4)
+            values = self._reading(sample)
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
             self.window.note(("reading", moment), reading={"t": moment, "values": read})
         return tips
