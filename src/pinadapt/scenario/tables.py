@@ -63,9 +63,11 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 @cache
 def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class, function or method has, in order."""
-    several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    named = signature(make).parameters.items()
-    return tuple(name for name, each in named if name != "self" and each.kind not in several)
+    return tuple(
+        name
+        for name, each in signature(make).parameters.items()
+        if name != "self" and each.kind not in (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
+    )
 
 
 _CHANGES = arguments(Robot.changed)

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from ..scenario.scenario import described_robot
 from ..scenario.tables import at_folder, flat, made, parts, setting, toml_value, with_values
 from .table import Row
 
+Function: TypeAlias = Callable[..., Any] | str  # or its name, "module:name"
 METHODS = ("random", "lhs", "sobol")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal")
 COPY = "sweep.toml"
@@ -220,7 +221,7 @@ class Plan:
     title: str = ""
     scenario: Record | None = None
     folder: str = ""
-    function: Callable[..., Any] | str | None = None
+    function: Function | None = None
     path: str = ""
     vary: Record = field(default_factory=dict)
     case: Sequence[Record] = ()

@@ -41,7 +41,7 @@ from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
-from .cases import COPY, Case, Plan
+from .cases import COPY, Case, Function, Plan
 from .table import (
     AGAIN,
     CRASHED,
@@ -80,7 +80,7 @@ def run_scenario(tables: Record, folder: str, case: Case) -> Record:
     return numbers_of(scenario_of(tables, folder, case).run(progress=False))
 
 
-def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Record:
+def run_function(function: Function, path: str, case: Case) -> Record:
     """Return what a function, or "module:name" in a folder, returns for the values of a case.
 
     It gets the seed too, if it has an argument ``seed``. What is no table is called "result".
@@ -91,7 +91,7 @@ def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> R
     return found if isinstance(found, Mapping) else {"result": found}
 
 
-def resolved(function: Callable[..., Any] | str, path: str) -> Callable[..., Any]:
+def resolved(function: Function, path: str) -> Callable[..., Any]:
     """Return a function from its name, "module:name". Its module is a program, which runs now.
 
     Raises:

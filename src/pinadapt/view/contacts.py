@@ -64,7 +64,7 @@ class DrawnContacts:
             frame = model.frames[frame_id(model, contact.frame)]
             moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
             at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
-            normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
+            normal = np.array([0.0, 0.0, 1.0])
             if contact.sole is not None:
                 normal = moved[:, :3, 2]
                 poses.move(node["sole"], at, Rotation.from_matrix(moved[:, :3, :3]))
