@@ -63,7 +63,8 @@ class DrawnContacts:
             node = self._node[contact.frame]
             frame = model.frames[frame_id(model, contact.frame)]
             moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
-            at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
+            at = moved[:, :3, 3]
+            f, m = np.split(force, 2, axis=1)
             normal = np.array([0.0, 0.0, 1.0])
             if contact.sole is not None:
                 normal = moved[:, :3, 2]
@@ -72,6 +73,7 @@ class DrawnContacts:
             size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
             pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
             high = 0.25 * size
-            top = pressed + high * normal
-            poses.move(node["cone"], *rod(pressed, top, contact.friction * high))
+            poses.move(
+                node["cone"], *rod(pressed, pressed + high * normal, contact.friction * high)
+            )
             poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))

@@ -141,7 +141,7 @@ def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
     vertices = np.concatenate([points[:-1, None] + rings, points[1:, None] + rings], axis=1)
     i = np.arange(sides)
     j = np.roll(i, -1)
-    faces = np.vstack([np.stack([i, j, i + sides], 1), np.stack([j, j + sides, i + sides], 1)])
+    faces = np.hstack([[i, j, i + sides], [j, j + sides, i + sides]]).T
     first = 2 * sides * np.arange(len(points) - 1)[:, None, None]
     return TriangularMeshGeometry(vertices.reshape(-1, 3), (first + faces).reshape(-1, 3))
 
@@ -216,7 +216,7 @@ class Keyframes:
         node: Node,
         position: np.ndarray,
         rotation: Rotation | None = None,
-        scale: np.ndarray | None = None,
+        scale: np.ndarray | float = 1.0,
     ) -> None:
         """Place a node in its parent's axes.
 
@@ -224,10 +224,10 @@ class Keyframes:
             node: the node.
             position: (F, 3) [m].
             rotation: (F); None for none.
-            scale: (F, 3); None for no scaling.
+            scale: (F, 3), (F, 1) or one number.
         """
         turns = Rotation.identity(len(position)) if rotation is None else rotation
-        sizes = np.ones_like(position) if scale is None else scale
+        sizes = np.broadcast_to(scale, position.shape)
         first = np.eye(4)
         first[:3, :3] = turns[0].as_matrix() * sizes[0]
         first[:3, 3] = position[0]

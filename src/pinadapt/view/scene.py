@@ -293,10 +293,9 @@ class Scene:
         desired = desired_tips(self.true, x_d, tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
-        still = np.zeros((len(t), 3))
         for number, node in self._solid.loads:
             carried = self.robots.index(t)[:, None] == number
-            poses.move(node, still, None, np.where(carried, still + 1.0, HIDDEN))
+            poses.move(node, np.zeros((len(t), 3)), None, np.where(carried, 1.0, HIDDEN))
         for sample in samples:
             moment = round(sample.t, 4)
             values = self._reading(sample)
