@@ -167,8 +167,10 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
         ) from error
     for name in names:
         if (folder / name).is_dir():
-            words = "is a folder, but a file of this name has to be written."
-            raise InputError(words, where=str(folder / name))
+            raise InputError(
+                "is a folder, but a file of this name has to be written.",
+                where=str(folder / name),
+            )
 
 
 def cell(value: Any) -> str:
@@ -355,8 +357,8 @@ def percent(share: float, digits: int = 2) -> str:
 def meanings(make: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence about each argument in a docstring."""
     text = f"{getdoc(make)}\n{getdoc(getattr(make, '__init__', None)) or ''}"
-    found = re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M)
-    sentences = {
-        name: re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0] for name, words in found
-    }
-    return {name: words.rstrip(".").replace("``", "") + "." for name, words in sentences.items()}
+    found = {}
+    for name, words in re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M):
+        sentence = re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0]
+        found[name] = sentence.rstrip(".").replace("``", "") + "."
+    return found

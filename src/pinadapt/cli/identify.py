@@ -254,10 +254,9 @@ def identify(options: Namespace) -> int:
     missing = ""
     try:
         with one_run(folder, FILES) as beside:
-            try:
-                found.save(beside, mjcf=options.mjcf, compared=compared)
-            except ParameterError as reason:
-                missing = str(reason)
+            found.save(beside, mjcf=options.mjcf, compared=compared)
+    except ParameterError as reason:
+        missing = str(reason)
     finally:
         print(found)  # even if it could not be written
     print(f"\nwritten to {folder}")

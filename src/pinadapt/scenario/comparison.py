@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,18 +37,19 @@ def compare(
         InputError: as ``Scenario.read``.
         Interrupted: a ``KeyboardInterrupt``, with the rollout until then.
     """
-    chosen = laws or laws_for(Scenario.read(scenario, settings))
-    return [run_scenario(each) for each in under_laws(scenario, chosen, settings)]
+    return [run_scenario(each) for each in under_laws(scenario, laws, settings).values()]
 
 
 def under_laws(
-    scenario: Path | str, laws: Sequence[str], settings: Sequence[str]
-) -> Iterator[Scenario]:
-    """Yield the scenario with each law."""
-    for law in laws:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
-            yield Scenario.read(scenario, [*settings, f'controller.law="{law}"'])
+    scenario: Path | str, laws: Sequence[str] | None, settings: Sequence[str]
+) -> dict[str, Scenario]:
+    """Return the scenario with each law, by name; None: with all laws that fit the task."""
+    laws = laws or laws_for(Scenario.read(scenario, settings))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
+        return {
+            law: Scenario.read(scenario, [*settings, f'controller.law="{law}"']) for law in laws
+        }
 
 
 def laws_for(scenario: Scenario) -> list[str]:
