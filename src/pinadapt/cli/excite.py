@@ -25,7 +25,10 @@ from .command_line import (
 )
 
 _SEARCH = {
-    **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
+    "duration": float,
+    "excursion": float,
+    "load": float,
+    "floor": float,
     "srdf": Path,
     "seed": int,
 }

@@ -15,7 +15,8 @@ from .command_line import Exit, add_arguments_of, add_out, add_processes, add_sc
 from .run import run_into
 
 _OWN = {
-    **dict.fromkeys(("samples", "repeat"), int),
+    "samples": int,
+    "repeat": int,
     "method": METHODS,
     "seed": int,
     "timeout": float,
