@@ -16,14 +16,11 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._output import check_writable, collect_seldom
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
-
-if TYPE_CHECKING:
-    from ..rollout.rollout import Rollout
 
 
 class Exit(IntEnum):
@@ -141,13 +138,6 @@ def _show_once(texts: set[str], message: Any, *where: Any, **more: Any) -> None:
     if (text := str(message)) not in texts:
         texts.add(text)
         print(f"pinadapt: warning: {text}", file=sys.stderr)
-
-
-def status_of(*rollouts: Rollout) -> int:
-    """Return the exit status of a command that ran these rollouts, of which one at least."""
-    if rollouts[-1].interrupted is not None:
-        return Exit.INTERRUPTED
-    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
 
 
 @contextmanager

@@ -20,8 +20,8 @@ from ..scenario.comparison import (
     under_laws,
 )
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, names, out_folder, status_of
-from .run import RUN_FILES, write_run
+from .command_line import Exit, add_out, add_scenario, names, out_folder
+from .run import RUN_FILES, status_of, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]

@@ -14,7 +14,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_settings, status_of
+from .command_line import Exit, add_out, add_scenario, add_settings
 
 RUN_FILES = (
     "rollout.npz",
@@ -75,6 +75,13 @@ def run_into(
         print(f"\n{load}")
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
     return status_of(rollout)
+
+
+def status_of(*rollouts: Rollout) -> int:
+    """Return the exit status of a command that ran these rollouts, of which one at least."""
+    if rollouts[-1].interrupted is not None:
+        return Exit.INTERRUPTED
+    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
 
 
 def _load(rollout: Rollout) -> PayloadEstimate | None:

@@ -126,10 +126,6 @@ class Scenario:
                 start = learned.start(controller)
         with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
-        events = Events(
-            _changes(described, truth, given["events"]["changes"]),
-            _in_time(given["events"]["announcements"], "announcements"),
-        )
         engine = given["engine"]
         if isinstance(engine.plant, MujocoFile) and set(tables.get("truth", {})) - {"camera"}:
             raise ScenarioError(
@@ -144,7 +140,10 @@ class Scenario:
             controller,
             trajectory,
             sensors,
-            events,
+            Events(
+                _changes(described, truth, given["events"]["changes"]),
+                _in_time(given["events"]["announcements"], "announcements"),
+            ),
             engine,
             start,
             **given["simulation"],

@@ -301,9 +301,10 @@ def toml_value(text: str) -> Any:
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
-    given = flat(tables).items()
-    found = {key: str(folder / value) for key, value in given if _names_file(key, value)}
-    return with_values(tables, found)
+    return with_values(
+        tables,
+        {key: str(folder / name) for key, name in flat(tables).items() if _names_file(key, name)},
+    )
 
 
 def flat(table: Record, prefix: str = "") -> Tables:

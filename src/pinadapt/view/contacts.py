@@ -44,8 +44,7 @@ class DrawnContacts:
             size: half of the picture [m].
         """
         self._node, self._robot, self._size = node, robot, size
-        weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
-        self._length = size / max(weight, 1e-9)
+        self._length = size / max(robot.mass * np.linalg.norm(robot.model.gravity.linear), 1e-9)
         for contact in robot.contacts:
             own = node[contact.frame]
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, Colour.CONE))

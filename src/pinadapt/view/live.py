@@ -10,19 +10,17 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from time import perf_counter, sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.state import Sample
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import Window
 from .page import page
 from .scene import RATE, Scene
-
-if TYPE_CHECKING:
-    from ..controller.state import Sample
 
 
 def open_in_browser(address: str) -> bool:

@@ -98,8 +98,10 @@ class Animation:
 
     def _repr_html_(self) -> str:
         """Return a frame that contains the page and separates it from the notebook."""
-        style = "width: 100%; height: 480px; border: none"
-        return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
+        return (
+            f'<iframe srcdoc="{escape(self.html)}" '
+            'style="width: 100%; height: 480px; border: none"></iframe>'
+        )
 
     def __repr__(self) -> str:
         """Return the size, as the page is too long to print."""
@@ -132,5 +134,4 @@ def animation_of(rollout: Any) -> Animation:
         for node in scene.add_traces("true", scene.traced):
             scene.window.note(("reveal", node.path), reveal=node.path.lower())
     scene.poses.play(scene.root)
-    title = rollout.title or true.name
-    return Animation(page(scene, title, rollout.duration, marks=rollout.marks))
+    return Animation(page(scene, rollout.title or true.name, rollout.duration, marks=rollout.marks))

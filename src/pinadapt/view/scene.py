@@ -236,8 +236,7 @@ class Scene:
         self.traced = tips_of(true, motion)
         path = desired_tips(true, x_d, self.traced).swapaxes(0, 1)
         way = path.reshape(-1, 3)
-        points = motion[:, :, :3, 3].reshape(-1, 3)
-        self.viewpoint = viewpoint(np.vstack([points, way]), way)
+        self.viewpoint = viewpoint(np.vstack([motion[:, :, :3, 3].reshape(-1, 3), way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
         self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
