@@ -16,8 +16,6 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
-import numpy as np
-
 from .exceptions import InputError, PinadaptError, ScenarioError
 
 if sys.version_info >= (3, 11):
@@ -99,17 +97,6 @@ def write_text(path: Path, text: str | bytes) -> None:
     """Write a file in UTF-8, completely or not at all; lone surrogates become question marks."""
     with whole_file(path) as file:
         file.write(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON and TOML have it, without what is None in a table."""
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items() if each is not None}
-    if isinstance(value, list | tuple | range):
-        return [plain(each) for each in value]
-    return value if isinstance(value, bool | int | float | str | None) else str(value)
 
 
 def as_json(content: Any) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import located
-from .._output import Report, Table, plain
+from .._output import Report, Table
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
@@ -29,7 +29,15 @@ from ..reference import starting_from
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario, described_robot, trajectory_of
-from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
+from ..scenario.tables import (
+    Tables,
+    at_folder,
+    made,
+    plain,
+    read_tables,
+    setting,
+    with_values,
+)
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import Exit, add_arguments_of, add_settings, given

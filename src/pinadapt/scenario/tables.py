@@ -17,6 +17,8 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from .._checks import instance, located, shown, word
 from .._output import Record, read_toml, toml
 from ..controller.limits import Limits
@@ -316,3 +318,14 @@ def flat(table: Record, prefix: str = "") -> Tables:
         else:
             found[f"{prefix}{key}"] = value
     return found
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON and TOML have it, without what is None in a table."""
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items() if each is not None}
+    if isinstance(value, list | tuple | range):
+        return [plain(each) for each in value]
+    return value if isinstance(value, bool | int | float | str | None) else str(value)

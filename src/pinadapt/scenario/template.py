@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomlkit
 
-from .._output import meanings, plain
+from .._output import meanings
 from ..controller.constraint_forces import ConstraintForces
 from ..controller.controller import Controller
 from ..description.urdf import is_path
@@ -32,7 +32,7 @@ from ..tasks.task import JointTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
-from .tables import KEYS, MOTIONS, Tables
+from .tables import KEYS, MOTIONS, Tables, plain
 
 # The unknown of the example, which users replace: half or twice is an easier or a harder one.
 FRICTION = 0.5  # relative to what is typical for a robot of this size

@@ -30,11 +30,20 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import instance, mapping, positive, shown, whole, word
-from .._output import Record, plain, read_toml, write_text
+from .._output import Record, read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import at_folder, flat, made, parts, setting, toml_value, with_values
+from ..scenario.tables import (
+    at_folder,
+    flat,
+    made,
+    parts,
+    plain,
+    setting,
+    toml_value,
+    with_values,
+)
 from .table import Row
 
 Function: TypeAlias = Callable[..., Any] | str  # or its name, "module:name"

@@ -17,9 +17,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import word
-from .._output import Record, Table, plain, read_as_data, write_text
+from .._output import Record, Table, read_as_data, write_text
 from ..exceptions import InputError
-from ..scenario.tables import flat
+from ..scenario.tables import flat, plain
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
 FIRST, LAST = ("case", "seed"), ("seconds",)
