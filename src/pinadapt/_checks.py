@@ -13,7 +13,7 @@ from importlib import import_module
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,7 +52,7 @@ def instance(
         error: it is not.
     """
     if not isinstance(value, kind):
-        kinds = kind.__args__ if isinstance(kind, UnionType) else (kind,)
+        kinds = get_args(kind) or (kind,)
         wanted = " or ".join(each.__name__ for each in kinds).replace("NoneType", "None")
         article = "an" if wanted[0] in "AEIOU" else "a"
         raise error(f"expected {article} {wanted}, got {shown(value)}.", where=name)
@@ -91,9 +91,7 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     Raises:
         error: anything else.
     """
-    if isinstance(value, str):
-        return [value]
-    lists = isinstance(value, Iterable) and not isinstance(value, Mapping | bytes)
+    lists = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     found = list(value) if lists else [value]
     if not all(isinstance(each, str) for each in found):
         raise error(f"expected a name or a list of names, got {shown(value)}.", where=name)
@@ -130,12 +128,9 @@ def numbers(
     if truths or array.dtype.kind not in "iuf":
         raise error(f"expected numbers, lists of one length, got {shown(value)}.", where=name)
     array = np.array(array, dtype=float)
-    if infinite and not np.isnan(array).any():
-        return array
-    if not np.isfinite(array).all():
-        raise error(f"all entries must be finite, got {shown(array)}.", where=name)
-    if (np.abs(array) > LARGEST).any():
-        raise error(_too_large(value), where=name)
+    if not (np.abs(array) <= (np.inf if infinite else LARGEST)).all():
+        finite = f"all entries must be finite, got {shown(array)}."
+        raise error(_too_large(value) if np.isfinite(array).all() else finite, where=name)
     return array
 
 
@@ -218,7 +213,8 @@ def vector(
     if array.ndim == 0 and fills:
         array = np.full(1 if size is None else size, float(array))
     if array.ndim != 1 or size not in (None, array.size):
-        count, which = "a list of" if size is None else size, f" {list(names)}" if names else ""
+        count = "a list of" if size is None else size
+        which = f" {list(names)}" if names else ""
         raise error(f"expected {count} numbers{which}, got shape {array.shape}.", where=name)
     return array
 
@@ -262,10 +258,8 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
         GainError: wrong shape, no numbers, too large, asymmetric or not positive definite.
     """
     array = numbers(value, name, error=GainError)
-    if array.ndim == 0:
-        array = np.eye(size) * array
-    elif array.shape == (size,):
-        array = np.diag(array)
+    if array.shape in ((), (size,)):
+        array = np.diag(np.broadcast_to(array, size))
     if array.shape != (size, size):
         raise GainError(
             f"expected a number, {size} numbers or a {size} x {size} matrix, got {array.shape}.",
@@ -278,7 +272,7 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     if (np.abs(array - array.T) > 1e-9 * np.maximum(sizes, np.abs(array))).any():
         raise GainError("the matrix must be symmetric.", where=name)
     array = 0.5 * (array + array.T)
-    if size and not (scale.all() and np.linalg.eigvalsh(array / sizes)[0] > 0.0):
+    if not (scale.all() and (np.linalg.eigvalsh(array / sizes) > 0.0).all()):
         raise GainError(f"must be positive definite, got {shown(array)}.", where=name)
     return array
 
@@ -296,7 +290,7 @@ def positive(
     Raises:
         error: anything else, or a number beyond ``LARGEST`` or between zero and ``SMALLEST``.
     """
-    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+    if not isinstance(value, Real) or isinstance(value, bool):
         raise error(f"expected a number, got {shown(value)}.", where=name)
     size: Any = value  # an integer may be too large for a float
     if not size >= 0.0 or (size == 0.0 and not zero):

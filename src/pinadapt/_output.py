@@ -124,8 +124,7 @@ def one_run(folder: Path, names: Sequence[str], *, partly: bool = True) -> Itera
         yield beside
         partly = True
     finally:
-        names = names if partly else ()
-        whole = [name for name in names if (beside / name).is_file()]
+        whole = [name for name in names if partly and (beside / name).is_file()]
         for name in reversed(names) if whole else ():
             (folder / name).unlink(missing_ok=True)
         for name in whole:
@@ -155,8 +154,10 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
         ) from error
     for name in names:
         if (folder / name).is_dir():
-            words = "is a folder, but a file of this name has to be written."
-            raise InputError(words, where=str(folder / name))
+            raise InputError(
+                "is a folder, but a file of this name has to be written.",
+                where=str(folder / name),
+            )
 
 
 def cell(value: Any) -> str:
@@ -172,15 +173,15 @@ _ALIGNED = {"l": "left", "r": "right"}
 
 
 class Table(NamedTuple):
-    """A table of texts; with a header, columns between the first and the last are right-aligned.
+    """A table; with a header, columns between the first and the last are right-aligned.
 
     Attributes:
-        rows: the cells of each row.
+        rows: the values of each row, written as ``cell`` does.
         header: a title for each column; empty: no header.
         title: above the table; empty: none.
     """
 
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[Any]]
     header: Sequence[str] = ()
     title: str = ""
 
@@ -188,7 +189,7 @@ class Table(NamedTuple):
     def of(cls, records: Sequence[Any]) -> Table:
         """Return a row for each of some named tuples, a column for each of their fields."""
         header = [name.replace("_", " ") for name in records[0]._fields]
-        return cls([list(map(cell, one)) for one in records], header)
+        return cls(records, header)
 
     @property
     def sides(self) -> str:
@@ -202,7 +203,7 @@ class Table(NamedTuple):
         drawn = Texttable(max_width=0)
         drawn.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
         drawn.set_header_align(self.sides).set_cols_align(self.sides)
-        drawn.set_cols_dtype(["t"] * len(self.sides))
+        drawn.set_cols_dtype([cell] * len(self.sides))
         rows = [self.header, *self.rows] if self.header else self.rows
         lines = drawn.add_rows(rows, header=bool(self.header)).draw().splitlines()
         return "\n".join([*filter(None, [self.title]), *(line.rstrip() for line in lines)])
@@ -210,17 +211,17 @@ class Table(NamedTuple):
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
 
-        def row(kind: str, cells: Sequence[str]) -> str:
+        def row(kind: str, values: Sequence[Any]) -> str:
             """Return one row."""
             drawn = (
-                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell)}</{kind}>'
-                for cell, side in zip(cells, self.sides, strict=True)
+                f'<{kind} style="text-align:{_ALIGNED[side]}">{escape(cell(value))}</{kind}>'
+                for value, side in zip(values, self.sides, strict=True)
             )
             return f"<tr>{''.join(drawn)}</tr>"
 
         title = f"<h2>{escape(self.title)}</h2>" if self.title else ""
         head = row("th", self.header) if self.header else ""
-        return f"{title}<table>{head}{''.join(row('td', cells) for cells in self.rows)}</table>"
+        return f"{title}<table>{head}{''.join(row('td', values) for values in self.rows)}</table>"
 
 
 def records_table(
@@ -238,15 +239,15 @@ def records_table(
         numbers: title -> key, scale and digits of the columns after them.
     """
     there = {
-        title: (key, scale, digits)
-        for title, (key, scale, digits) in numbers.items()
-        if any(record.get(key) is not None for record in records)
+        title: column
+        for title, column in numbers.items()
+        if any(record.get(column[0]) is not None for record in records)
     }
     rows = [
         [
-            *(str(record.get(key, "-")) for key in texts.values()),
+            *(record.get(key) for key in texts.values()),
             *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
-            str(record.get("verdict", "")),
+            record.get("verdict", ""),
         ]
         for record in records
     ]
@@ -343,8 +344,8 @@ def percent(share: float, digits: int = 2) -> str:
 def meanings(make: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence about each argument in a docstring."""
     text = f"{getdoc(make)}\n{getdoc(getattr(make, '__init__', None)) or ''}"
-    found = re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M)
-    sentences = {
-        name: re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0] for name, words in found
-    }
-    return {name: words.rstrip(".").replace("``", "") + "." for name, words in sentences.items()}
+    found = {}
+    for name, words in re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M):
+        sentence = re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0]
+        found[name] = sentence.rstrip(".").replace("``", "") + "."
+    return found

@@ -16,14 +16,11 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._output import check_writable, collect_seldom
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
-
-if TYPE_CHECKING:
-    from ..rollout.rollout import Rollout
 
 
 class Exit(IntEnum):
@@ -84,11 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown, warnings.showwarning = warnings.showwarning, partial(_show_once, set())
+    shown = warnings.showwarning
+    warnings.showwarning = partial(_show_once, set())
     try:
         with stopped_by_signals():
             options = _options(arguments)
-            return int(getattr(_module(options.command), options.command)(options))
+            return getattr(_module(options.command), options.command)(options)
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
         return Exit.INTERRUPTED
@@ -130,7 +128,7 @@ def robots(options: Namespace) -> int:
     from ..description.catalogue import catalogue
 
     shown = ("name", "joints", "task", "frame", "origin", "about")
-    rows = [[str(getattr(each, name)) for name in shown] for each in catalogue().values()]
+    rows = [[getattr(each, name) for name in shown] for each in catalogue().values()]
     print(Table(rows, shown))
     return Exit.DONE
 
@@ -140,13 +138,6 @@ def _show_once(texts: set[str], message: Any, *where: Any, **more: Any) -> None:
     if (text := str(message)) not in texts:
         texts.add(text)
         print(f"pinadapt: warning: {text}", file=sys.stderr)
-
-
-def status_of(*rollouts: Rollout) -> int:
-    """Return the exit status of a command that ran these rollouts, of which one at least."""
-    if rollouts[-1].interrupted is not None:
-        return Exit.INTERRUPTED
-    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
 
 
 @contextmanager
@@ -200,7 +191,7 @@ def out_folder(options: Namespace, name: str, files: Sequence[str]) -> Path:
     Raises:
         InputError: they cannot be written.
     """
-    folder: Path = options.out or Path("out") / name
+    folder = options.out or Path("out") / name
     check_writable(folder, files)
     return folder
 
@@ -256,7 +247,7 @@ def new_file(options: Namespace, name: str) -> Path:
     Raises:
         InputError: it exists and may not be overwritten, or cannot be written.
     """
-    file: Path = options.out or Path(f"{name}.toml")
+    file = options.out or Path(f"{name}.toml")
     if file.exists() and not options.force:
         raise InputError(
             "exists already.",

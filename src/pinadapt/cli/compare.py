@@ -16,13 +16,12 @@ from ..rollout.rollout import Rollout
 from ..scenario.comparison import (
     NOT_ADAPTED,
     comparison_table,
-    laws_for,
     run_beside,
     under_laws,
 )
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, names, out_folder, status_of
-from .run import RUN_FILES, write_run
+from .command_line import Exit, add_out, add_scenario, names, out_folder
+from .run import RUN_FILES, status_of, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
@@ -48,15 +47,13 @@ def compare(options: Namespace) -> int:
     of the table, not a failure of the command.
     """
     folder = out_folder(options, f"{options.scenario.stem}-compare", _FILES)
-    laws = options.laws or laws_for(Scenario.read(options.scenario, options.set))
-    # Building the scenarios checks them all before the first one runs.
-    scenarios = list(under_laws(options.scenario, laws, options.set))
-    for law, scenario in zip(laws, scenarios, strict=True):
+    scenarios = under_laws(options.scenario, options.laws, options.set)
+    for law, scenario in scenarios.items():
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
     with one_run(folder, _FILES, partly=False) as beside:
-        alone = ((scenario, None) for scenario in scenarios)
-        rollouts = _run_all(alone, [beside / law for law in laws], html=False)
+        alone = ((scenario, None) for scenario in scenarios.values())
+        rollouts = _run_all(alone, [beside / law for law in scenarios], html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")

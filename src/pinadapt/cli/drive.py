@@ -29,8 +29,15 @@ from ..reference import starting_from
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario, described_robot, trajectory_of
-from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
-from ..sweep.table import plain
+from ..scenario.tables import (
+    Tables,
+    at_folder,
+    made,
+    plain,
+    read_tables,
+    setting,
+    with_values,
+)
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import Exit, add_arguments_of, add_settings, given
@@ -83,12 +90,15 @@ def drive_arguments(parser: ArgumentParser) -> None:
         help="for `pinadapt tell` and `view`, on this machine only (default: any)",
     )
     franka = parser.add_argument_group("only of a Franka")
-    of_franka = {
-        "recover": {"action": "store_true"},
-        "collision": {"type": float, "nargs": 7, "metavar": "NM"},
-        "forces": {"type": float, "nargs": 6, "metavar": "N"},
-    }
-    add_arguments_of(franka, FrankaArm.__init__, of_franka)
+    add_arguments_of(
+        franka,
+        FrankaArm.__init__,
+        {
+            "recover": {"action": "store_true"},
+            "collision": {"type": float, "nargs": 7, "metavar": "NM"},
+            "forces": {"type": float, "nargs": 6, "metavar": "N"},
+        },
+    )
     franka.add_argument(
         "--load",
         metavar="JSON",
@@ -115,8 +125,7 @@ def drive(options: Namespace) -> int:
         InputError: arm, scenario or settings cannot be used.
         ArmError: the arm refuses.
     """
-    numbers = dict(setting(text, "--safety") for text in options.safety)
-    safety = made(Safety, numbers, "safety")
+    safety = made(Safety, dict(setting(text, "--safety") for text in options.safety), "safety")
     for name in given(options, ("load", *_COLLISION)):
         if options.kind != "franka":
             raise InputError("is set on a Franka only.", where=f"--{name}")
@@ -126,16 +135,15 @@ def drive(options: Namespace) -> int:
     for finding in preflight(controller, controller.period):
         print(f"pre-run check: {finding}")
     path = options.log or Path("out") / time.strftime("drive-%Y%m%d-%H%M%S.mcap")
-    about = {
-        "scenario": json.dumps(tables),
-        "folder": str(folder.resolve()),
-        "arm": options.kind,
-        "stage": options.stage.value,
-    }
     recorder = Recorder(
         path,
         controller,
-        about=about,
+        about={
+            "scenario": json.dumps(tables),
+            "folder": str(folder.resolve()),
+            "arm": options.kind,
+            "stage": options.stage.value,
+        },
         port=options.port,
         translate={"reference": partial(_new_motion, scenario.estimated)},
     )
@@ -170,9 +178,11 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
     Raises:
         InputError: the scenario is missing, or has a load already, or its robot no flange.
     """
-    tables, folder = FRANKA, Path()
+    tables = FRANKA
+    folder = Path()
     if options.file is not None:
-        tables, folder = read_tables(options.file, options.set), options.file.parent
+        tables = read_tables(options.file, options.set)
+        folder = options.file.parent
     elif options.kind != "franka":
         raise ScenarioError(
             "is needed for this arm.",
@@ -287,10 +297,7 @@ def replay(options: Namespace) -> int:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
     names = scenario.controller.kinematics.joint_names
     largest = np.abs(found.torque - found.logged).max(axis=0)
-    rows = [
-        (name, f"{rms:.4g}", f"{most:.4g}")
-        for name, rms, most in zip(names, found.difference, largest, strict=True)
-    ]
+    rows = list(zip(names, found.difference, largest, strict=True))
     table = Table(rows, ("[N m, N]", "difference, rms", "largest"))
     print(Report(f"{len(log)} cycles of {options.log}", [table]))
     if found.same:

@@ -25,7 +25,10 @@ from .command_line import (
 )
 
 _SEARCH = {
-    **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
+    "duration": float,
+    "excursion": float,
+    "load": float,
+    "floor": float,
     "srdf": Path,
     "seed": int,
 }
@@ -58,7 +61,7 @@ def excite(options: Namespace) -> int:
     Raises:
         InputError: the file exists and --force is not given, or no motion was found.
     """
-    source: str = options.source
+    source = options.source
     out = new_file(options, f"{Template(source).name}_excited")
     robot = load(source, frame=options.frame)
     unknown = Unknown(tool=False).with_names(

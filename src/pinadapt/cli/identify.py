@@ -58,9 +58,17 @@ def identify_arguments(parser: ArgumentParser) -> None:
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
-    of_log = {"test": several, "empty": Path, "total_mass": float, "known_load": float}
-    of_log["mass_bounds"] = {"type": _bounds, "action": "append", "metavar": "JOINT=LOW,HIGH"}
-    add_arguments_of(parser, identify_log, of_log)
+    add_arguments_of(
+        parser,
+        identify_log,
+        {
+            "test": several,
+            "empty": Path,
+            "total_mass": float,
+            "known_load": float,
+            "mass_bounds": {"type": _bounds, "action": "append", "metavar": "JOINT=LOW,HIGH"},
+        },
+    )
     parser.add_argument(
         "--compare",
         type=Path,
@@ -106,6 +114,7 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
     parser.add_argument(
         "--lock",
         type=names,
+        default=(),
         metavar="A,B",
         help="joints that did not move (default: those off the chain)",
     )
@@ -120,23 +129,29 @@ def _add_shared(parser: ArgumentParser, done: str) -> argparse._ArgumentGroup:
         type=_signal,
         nargs="+",
         action="extend",
-        default=[],
         metavar="SIGNAL=NAME,...",
         help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
         "stands for the joint's name or index; in a file without header numbers, such as q=2-8",
     )
-    types = {
-        "joints": _joint_names,
-        "rate": float,
-        "repeated": REPEATED,
-        "degrees": bool,
-        **dict.fromkeys(("gear", "torque_gain", "offset", "gravity"), _listed),
-        "flip": names,
-        **dict.fromkeys(("topic", "pose_topic"), str),
-        "compensated": ("nominal",),
-        "mount": MOUNTS,
-    }
-    add_arguments_of(group, ImportOptions, types)
+    add_arguments_of(
+        group,
+        ImportOptions,
+        {
+            "joints": _joint_names,
+            "rate": float,
+            "repeated": REPEATED,
+            "degrees": bool,
+            "gear": _listed,
+            "torque_gain": _listed,
+            "offset": _listed,
+            "gravity": _listed,
+            "flip": names,
+            "topic": str,
+            "pose_topic": str,
+            "compensated": ("nominal",),
+            "mount": MOUNTS,
+        },
+    )
     group.add_argument(
         "--accept-doubts",
         dest="doubtful",
@@ -197,11 +212,12 @@ def _import_options(options: Namespace) -> ImportOptions | None:
     Raises:
         InputError: options for several logs, of which others than the first have such a file.
     """
-    said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
-    said["columns"] = dict(said["columns"]) or None
-    if all(value is None for value in said.values()):
+    said = given(options, [one.name for one in fields(ImportOptions)])
+    if not said:
         return None
-    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
+    if "columns" in said:
+        said["columns"] = dict(said["columns"])
+    logs = [*options.log, *options.test, *filter(None, [options.empty])]
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
     if beside:
         raise InputError(
@@ -223,7 +239,7 @@ def identify(options: Namespace) -> int:
     folder = _place(options, "identified", FILES)
     robot = _robot(options)
     compared = {
-        path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
+        path.name: load(path, frame=robot.frame, locked=options.lock, joint_effects=True)
         for path in options.compare
     }
     named = {name: one_word(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
@@ -242,10 +258,9 @@ def identify(options: Namespace) -> int:
     missing = ""
     try:
         with one_run(folder, FILES) as beside:
-            try:
-                found.save(beside, mjcf=options.mjcf, compared=compared)
-            except ParameterError as reason:
-                missing = str(reason)
+            found.save(beside, mjcf=options.mjcf, compared=compared)
+    except ParameterError as reason:
+        missing = str(reason)
     finally:
         print(found)  # even if it could not be written
     print(f"\nwritten to {folder}")
@@ -311,7 +326,7 @@ def _robot(options: Namespace) -> Robot:
     """Return the robot of the options."""
     return load(
         options.robot,
-        locked=options.lock or (),
+        locked=options.lock,
         xacro=dict(options.xacro),
         **given(options, ("frame", "task", "mass")),
     )

@@ -7,6 +7,7 @@ import shlex
 import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
+from itertools import compress
 
 from .._output import write_text
 from ..robot.loading import limbs
@@ -53,13 +54,13 @@ def init(options: Namespace) -> int:
     found = limbs(robot)
     if len(found) > 1 and not (template.whole or robot.contacts or len(robot.frames) > 1):
         print(f"An arm or leg of {len(found)}. For the whole robot:")
-        print(*(f"  {each}" for each in _commands(options, found)), sep="\n")
+        for command in _commands(options, found):
+            print(f"  {command}")
     ends = [contact.frame for contact in robot.contacts] or robot.frames
     which = "the whole robot" if template.whole else f"to {', '.join(ends)}"
     print(f"{file}: {robot.model.nv} joints, {which}, task {template.task or robot.task.name}.")
     if robot.locked:
-        moved = [name for name, motor in zip(robot.joint_names, robot.motors, strict=True) if motor]
-        print(f"Controlled: {', '.join(moved)}.")
+        print(f"Controlled: {', '.join(compress(robot.joint_names, robot.motors))}.")
         print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
     for finding in Scenario.read(file).findings():
         warnings.warn(finding, stacklevel=1)
@@ -77,10 +78,13 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
     xacro = [part for name, value in options.xacro for part in ("--xacro", f"{name}={value}")]
     feet = [end for end in limbs if _FOOT.search(end.lower())]
     arms = [end for end in limbs if end not in feet]
-    choices = [["--task", "joint"]]
-    choices += [["--frame", ",".join(arms)]] if len(arms) > 1 else []
-    choices += [["--contacts", ",".join(feet)]] if len(feet) > 2 else []
-    for choice in choices:
-        yield shlex.join(
-            ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
-        )
+    for option, chosen, least in (
+        ("--task", ["joint"], 1),
+        ("--frame", arms, 2),
+        ("--contacts", feet, 3),
+    ):
+        if len(chosen) >= least:
+            choice = [option, ",".join(chosen)]
+            yield shlex.join(
+                ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
+            )

@@ -14,7 +14,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_settings, status_of
+from .command_line import Exit, add_out, add_scenario, add_settings
 
 RUN_FILES = (
     "rollout.npz",
@@ -77,6 +77,13 @@ def run_into(
     return status_of(rollout)
 
 
+def status_of(*rollouts: Rollout) -> int:
+    """Return the exit status of a command that ran these rollouts, of which one at least."""
+    if rollouts[-1].interrupted is not None:
+        return Exit.INTERRUPTED
+    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
+
+
 def _load(rollout: Rollout) -> PayloadEstimate | None:
     """Return the load that the run found; None if it identifies no mass, or none was unknown."""
     if rollout.diverged is not None or rollout.evaluated().controller.kinematics.constraints:
@@ -128,8 +135,9 @@ def view(options: Namespace) -> int:
                 where=str(place),
                 hint="`pinadapt run` writes one unless --no-html is given.",
             )
-        print(page.resolve().as_uri())
-        open_in_browser(page.resolve().as_uri())
+        address = page.resolve().as_uri()
+        print(address)
+        open_in_browser(address)
         return Exit.DONE
     if place is not None:
         scenario = Scenario.read(place, options.set)

@@ -15,7 +15,8 @@ from .command_line import Exit, add_arguments_of, add_out, add_processes, add_sc
 from .run import run_into
 
 _OWN = {
-    **dict.fromkeys(("samples", "repeat"), int),
+    "samples": int,
+    "repeat": int,
     "method": METHODS,
     "seed": int,
     "timeout": float,
@@ -63,7 +64,7 @@ def sweep(options: Namespace) -> int:
     """
     from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
 
-    path: Path = options.scenario
+    path = options.scenario
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
@@ -97,7 +98,7 @@ def _plan(options: Namespace) -> tuple[Plan, Path]:
     Raises:
         InputError: a folder holds no sweep, or something is varied that the folder has fixed.
     """
-    path: Path = options.scenario
+    path = options.scenario
     if not path.is_dir():
         plan = Plan.read(path, options.vary, options.set, **given(options, _OWN))
         return plan, options.out or Path("out") / f"{path.stem}-sweep"

@@ -29,10 +29,10 @@ def error_figure(run: Drawable) -> Picture:
     figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
     for k, group in enumerate(groups):
         unit, scale = group.shown
-        error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
+        error = scale * run.error[:, group.rows]
+        label = f"{group.name} error [{unit}]"
         curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
-        axes[2 * k + 1].set_ylabel(label)
     if run.lyapunov_curve is not None:
         t, V = run.lyapunov_curve
         curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")
@@ -45,6 +45,7 @@ def _norm(ax: Any, run: Drawable, group: RowGroup, label: str) -> np.ndarray:
     norm = group.shown.scale * np.linalg.norm(run.error[:, group.rows], axis=1)
     norm = np.maximum(norm, np.finfo(float).eps)
     ax.semilogy(run.t, norm, lw=1.0, label=label)
+    ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")
     if len(norm):
         ax.set_ylim(bottom=0.5 * np.quantile(norm, 0.01))
     legend(ax)
@@ -96,7 +97,8 @@ def torque_figure(run: Drawable) -> Picture:
     The limits are those of the description. The disturbance is drawn where the law observes it. The
     eigenvalue is the smallest of the estimated mass matrix.
     """
-    names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
+    names = run.joint_names
+    limited = np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
     figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
@@ -108,8 +110,9 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
-    eigenvalue = run.min_eig_M_hat[:, None]
-    curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
+    curves(
+        axes[-1], run.t, run.min_eig_M_hat[:, None], ["of the estimated M"], "smallest eigenvalue"
+    )
     finish(figure, axes, run)
     return figure
 
@@ -167,7 +170,6 @@ def overlay_figure(runs: Sequence[Drawable]) -> Picture:
             kept = np.concatenate(ended)
             if kept.size:
                 ax.set_ylim(0.5 * np.quantile(kept, 0.01), 2.0 * kept.max())
-            ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")
         axes[-1].set_xlabel("time [s]")
         figure.suptitle(literal(f"{runs[0].title}: errors"))
     return figure

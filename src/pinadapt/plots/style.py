@@ -83,8 +83,7 @@ def curves(
         (line,) = ax.plot(t, values[:, i], ls="-", lw=1.0, label=literal(names[i]), **own)
         if truth is not None:
             true = np.broadcast_to(truth[..., i], t.shape)
-            style = {"color": line.get_color(), "drawstyle": "steps-post"}
-            ax.plot(t, true, ls="--", lw=0.7, **style)
+            ax.plot(t, true, ls="--", lw=0.7, color=line.get_color(), drawstyle="steps-post")
     ax.set_ylabel(label)
     legend(ax, "\n".join(notes))
 
@@ -92,8 +91,13 @@ def curves(
 def legend(ax: Any, title: str = "") -> None:
     """Put a legend beside a panel, where it does not cover curves."""
     if ax.get_legend_handles_labels()[0]:
-        small: Any = {"title_fontsize": "x-small", "fontsize": "x-small"}
-        ax.legend(title=title or None, loc="upper left", bbox_to_anchor=(1.0, 1.0), **small)
+        ax.legend(
+            title=title or None,
+            title_fontsize="x-small",
+            fontsize="x-small",
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+        )
 
 
 def finish(figure: Any, axes: Any, run: Drawable) -> None:
@@ -103,6 +107,13 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
         if len(run.t) and at <= run.t[-1]:
             for ax in axes:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
-            above = {"transform": axes[0].get_xaxis_transform(), "ha": "center", "va": "bottom"}
-            axes[0].text(at, 1.02, literal(what), fontsize="x-small", **above)
+            axes[0].text(
+                at,
+                1.02,
+                literal(what),
+                transform=axes[0].get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize="x-small",
+            )
     figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation})"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,18 +37,19 @@ def compare(
         InputError: as ``Scenario.read``.
         Interrupted: a ``KeyboardInterrupt``, with the rollout until then.
     """
-    chosen = laws or laws_for(Scenario.read(scenario, settings))
-    return [run_scenario(each) for each in under_laws(scenario, chosen, settings)]
+    return [run_scenario(each) for each in under_laws(scenario, laws, settings).values()]
 
 
 def under_laws(
-    scenario: Path | str, laws: Sequence[str], settings: Sequence[str]
-) -> Iterator[Scenario]:
-    """Yield the scenario with each law."""
-    for law in laws:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
-            yield Scenario.read(scenario, [*settings, f'controller.law="{law}"'])
+    scenario: Path | str, laws: Sequence[str] | None, settings: Sequence[str]
+) -> dict[str, Scenario]:
+    """Return the scenario with each law, by name; None: with all laws that fit the task."""
+    laws = laws or laws_for(Scenario.read(scenario, settings))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
+        return {
+            law: Scenario.read(scenario, [*settings, f'controller.law="{law}"']) for law in laws
+        }
 
 
 def laws_for(scenario: Scenario) -> list[str]:
@@ -91,15 +92,14 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
 
 def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return a table with a row for each rollout, one at least, without columns that none has."""
-    shown = rollouts[0].task.groups[0].shown
-    unit = shown.unit
+    unit, scale = rollouts[0].task.groups[0].shown
     numbers = {
-        f"first 10 % [{unit}]": ("max_error_first", shown.scale, 2),
-        f"last 10 % [{unit}]": ("max_error_last", shown.scale, 3),
+        f"first 10 % [{unit}]": ("max_error_first", scale, 2),
+        f"last 10 % [{unit}]": ("max_error_last", scale, 3),
         "[% of path]": ("error_share", 100.0, 2),
-        f"rms [{unit}]": ("rms_error_last", shown.scale, 3),
+        f"rms [{unit}]": ("rms_error_last", scale, 3),
         "last 10 % [deg]": ("max_angle_last", DISPLAYS["rad"].scale, 3),
-        f"not adapted [{unit}]": ("unadapted", shown.scale, 3),
+        f"not adapted [{unit}]": ("unadapted", scale, 3),
         "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
     }

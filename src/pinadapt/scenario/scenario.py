@@ -88,12 +88,15 @@ class Scenario:
             InputError: the tables cannot be used.
         """
         tables = at_folder(tables, folder)
-        given, described = parts(tables), described_robot(tables)
-        sensors, pixel = given["sensors"], getattr(described.task, "pixel", None)
+        given = parts(tables)
+        described = described_robot(tables)
+        sensors = given["sensors"]
+        pixel = getattr(described.task, "pixel", None)
         if pixel is not None and "x" in sensors.noise:  # as in a picture
             noise = {**sensors.noise, "x": pixel * sensors.deviation("x")}
             sensors = replace(sensors, noise=noise)
-        truth, model = given["truth"], given["model"]
+        truth = given["truth"]
+        model = given["model"]
         with in_table("truth"):
             true = true_robot(described, truth)
         learned = model.pop("learned", None)
@@ -102,7 +105,8 @@ class Scenario:
             if learned is not None:
                 learned = LearnedParameters.load(learned)
                 unloaded = learned.shaped(unloaded)
-        unknown, start = given["unknown"], given["start"] or None
+        unknown = given["unknown"]
+        start = given["start"] or None
         if learned is not None:
             if start:
                 raise ScenarioError("is given by model.learned already.", where="start")
@@ -122,10 +126,6 @@ class Scenario:
                 start = learned.start(controller)
         with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
-        events = Events(
-            _changes(described, truth, given["events"]["changes"]),
-            _in_time(given["events"]["announcements"], "announcements"),
-        )
         engine = given["engine"]
         if isinstance(engine.plant, MujocoFile) and set(tables.get("truth", {})) - {"camera"}:
             raise ScenarioError(
@@ -140,7 +140,10 @@ class Scenario:
             controller,
             trajectory,
             sensors,
-            events,
+            Events(
+                _changes(described, truth, given["events"]["changes"]),
+                _in_time(given["events"]["announcements"], "announcements"),
+            ),
             engine,
             start,
             **given["simulation"],
@@ -202,8 +205,9 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     Raises:
         InputError: they do not fit the robot.
     """
-    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera", "at")}
-    true, task = described.changed(**own), described.task
+    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
+    true = described.changed(**own)
+    task = described.task
     if isinstance(task, ImageTask) != bool(truth.get("camera")):
         raise ScenarioError(
             'the task "image" needs a camera, and no other task has one.',
@@ -230,7 +234,8 @@ def _changes(described: Robot, truth: Record, changes: Sequence[Record]) -> dict
     Raises:
         InputError: two changes have the same time, or keys do not fit the robot.
     """
-    keys, robots = dict(truth), {}
+    keys = dict(truth)
+    robots = {}
     for at, change in _in_time(changes, "changes").items():
         keys |= change
         with located("events.changes", KEYS["truth"][1]):

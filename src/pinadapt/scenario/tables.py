@@ -8,7 +8,7 @@ translated: what a key may be, its default and its errors are those of that clas
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import is_dataclass
@@ -16,6 +16,8 @@ from functools import cache, partial
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from .._checks import instance, located, shown, word
 from .._output import Record, read_toml, toml
@@ -63,9 +65,11 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 @cache
 def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class, function or method has, in order."""
-    several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
-    named = signature(make).parameters.items()
-    return tuple(name for name, each in named if name != "self" and each.kind not in several)
+    return tuple(
+        name
+        for name, each in signature(make).parameters.items()
+        if name != "self" and each.kind not in (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
+    )
 
 
 _CHANGES = arguments(Robot.changed)
@@ -98,10 +102,9 @@ def in_table(name: str) -> AbstractContextManager[None]:
 @cache
 def _hints(make: Make) -> Tables:
     """Return the types of the arguments of a class or function."""
-    plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
     if make in (dict, load):  # in which no table stands for an object
         return {}
-    return get_type_hints(vars(make)["__init__"] if plain_class else make)
+    return get_type_hints(vars(make)["__init__"] if isinstance(make, type) else make)
 
 
 def _classes(hint: Any) -> list[type]:
@@ -111,13 +114,12 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
-def checked(table: Any, path: str, names: Iterable[str]) -> Record:
+def checked(table: Any, path: str, names: Sequence[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
     Raises:
         ScenarioError: it is none, or a key is not allowed; the nearest is suggested.
     """
-    names = list(names)
     if not isinstance(table, Mapping):
         raise ScenarioError(f"expected a table, got {shown(table)}.", where=path)
     for key in table:
@@ -129,7 +131,7 @@ def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     return table
 
 
-def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) -> Tables:
+def read(table: Any, path: str, make: Make, names: Sequence[str] = ()) -> Tables:
     """Return the arguments of a class or function that a table holds, tables in it as objects.
 
     Raises:
@@ -181,9 +183,10 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     kind = table.get("kind", usual) if isinstance(table, Mapping) else usual
     word(kind, MOTIONS, f"{path}.kind")
     table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
-    ramp, given = table.pop("from_rest", None), table.pop("as_given", False)
+    ramp = table.pop("from_rest", None)
+    given = table.pop("as_given", False)
     table.pop("kind", None)
-    found: Trajectory = made(MOTIONS[kind], table, path)
+    found = made(MOTIONS[kind], table, path)
     with located(path, _OF_MOTIONS):
         found = found if ramp is None else found.from_rest(ramp)
     return found.as_given() if given else found
@@ -205,7 +208,7 @@ def parts(tables: Tables) -> Tables:
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
             with located(name):
                 found[name] = make.of(table)  # type: ignore[attr-defined]
-        elif isinstance(make, type) and make is not dict:
+        elif is_dataclass(make):
             found[name] = made(make, table, name)
         else:
             found[name] = read(table, name, make, names)
@@ -249,7 +252,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
             where=str(path),
             hint=f"Write a scenario for it first: `pinadapt init {path}`.",
         )
-    return with_values(read_toml(path), dict(setting(text) for text in settings))
+    return with_values(read_toml(path), dict(map(setting, settings)))
 
 
 def with_values(tables: Record, values: Record) -> Tables:
@@ -280,9 +283,12 @@ def setting(text: str, where: str = "--set") -> tuple[str, Any]:
     if not (equals and key):
         raise ScenarioError(f"expected key=value with a dotted key, got '{text}'.", where=where)
     found = toml_value(value)
-    if key in _PATHS and isinstance(found, str) and (key != "robot.source" or is_path(found)):
-        found = os.path.abspath(found)
-    return key, found
+    return key, os.path.abspath(found) if _names_file(key, found) else found
+
+
+def _names_file(key: str, value: Any) -> bool:
+    """Return whether the value of a dotted key is a path."""
+    return key in _PATHS and isinstance(value, str) and (key != "robot.source" or is_path(value))
 
 
 def toml_value(text: str) -> Any:
@@ -297,11 +303,29 @@ def toml_value(text: str) -> Any:
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
+    return with_values(
+        tables,
+        {key: str(folder / name) for key, name in flat(tables).items() if _names_file(key, name)},
+    )
+
+
+def flat(table: Record, prefix: str = "") -> Tables:
+    """Return the entries of nested tables by dotted keys."""
     found: Tables = {}
-    for path in _PATHS:
-        name: Any = tables
-        for key in path.split("."):
-            name = name.get(key) if isinstance(name, Mapping) else None
-        if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            found[path] = str(folder / name)
-    return with_values(tables, found)
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON and TOML have it, without what is None in a table."""
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items() if each is not None}
+    if isinstance(value, list | tuple | range):
+        return [plain(each) for each in value]
+    return value if isinstance(value, bool | int | float | str | None) else str(value)

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, cos, sin
+from math import ceil, cos, floor, log10, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +32,7 @@ from ..tasks.task import JointTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
-from .tables import KEYS, MOTIONS, Tables
+from .tables import KEYS, MOTIONS, Tables, plain
 
 # The unknown of the example, which users replace: half or twice is an easier or a harder one.
 FRICTION = 0.5  # relative to what is typical for a robot of this size
@@ -127,22 +127,22 @@ class Template:
     @property
     def name(self) -> str:
         """Name of the file, and the title."""
-        if not is_path(self.source):
-            return self.source
-        return Path(self.source.removesuffix(".xacro")).stem
+        source = self.source
+        return Path(source.removesuffix(".xacro")).stem if is_path(source) else source
 
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
         """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
         found = {}
         for name in self.robot.frames:
-            robot, out = self.robot.of_frame(name), np.zeros(3)
+            robot = self.robot.of_frame(name)
+            out = np.zeros(3)
             frame = robot.placement(robot.q0)
             place = robot.frame_task.place if robot.task.positions else slice(None)
             out[place] = frame.translation[place]
             length = TOOL_ERROR * robot.reach
             tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
-            found[name] = np.round(tool, 3 - int(np.floor(np.log10(length))))
+            found[name] = np.round(tool, 3 - floor(log10(length)))
         return found
 
     @cached_property
@@ -158,17 +158,18 @@ class Template:
     @cached_property
     def view(self) -> View:
         """A camera two reaches before the circle's plane and somewhat aside."""
-        path, p = self.path, self.robot.placement(self.robot.q0).translation
+        path = self.path
+        p = self.robot.placement(self.robot.q0).translation
         assert isinstance(path, Circle)
         axes = np.eye(3)[self.robot.frame_task.place]
         first, second = (axes["xyz".index(axis)] for axis in path.plane)
         normal = np.cross(first, second)
         away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
         position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
-        covered = float(np.linalg.norm(position - p)) / _FOCAL
+        covered = np.linalg.norm(position - p) / _FOCAL
         out = cos(path.phase) * first + sin(path.phase) * second
         u, v, _ = pinhole_camera(position, p, _FOCAL)[:, :3] @ out
-        phase = round(float(np.arctan2(v, u)), 3)
+        phase = round(np.arctan2(v, u), 3)
         return View(position, _rounded(covered, 1), _rounded(path.radius / covered, 2), phase)
 
     @property
@@ -176,42 +177,50 @@ class Template:
         """The table [unknown]."""
         if self.robot.contacts:
             return {"bodies": "payload", "friction": False, "armature": False}
-        places = {"tracker": self.tracker, "tool": self.robot.task.positions > 0}
-        found = {name: True for name, unknown in places.items() if unknown}
-        return {**found, "bodies": "all", "friction": True, "armature": True}
+        return plain(
+            {
+                "tracker": self.tracker or None,
+                "tool": self.robot.task.positions > 0 or None,
+                "bodies": "all",
+                "friction": True,
+                "armature": True,
+            }
+        )
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
-        turns = 2.0 * float(np.max(self.path.period))
-        found = {
-            "robot": self._robot(folder),
-            "truth": self._truth(),
-            "unknown": self.unknown,
-            "controller": {
-                "law": DEFAULT,
-                "adaptation": self.controller.adaptation_d.name,
-                "dt": self.controller.period,
-            },
-            "limits": {"governor": True},
-            "trajectory": self._motion(),
-            "simulation": {"duration": float(ceil(max(10.0, turns)))},
-        }
-        if self.robot.contacts:
-            found["engine"] = {"plant": "mujoco"}
-        if self.filmed:
-            found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
-        return found
+        turns = 2.0 * np.max(self.path.period)
+        sensors = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
+        return plain(
+            {
+                "robot": self._robot(folder),
+                "truth": self._truth(),
+                "unknown": self.unknown,
+                "controller": {
+                    "law": DEFAULT,
+                    "adaptation": self.controller.adaptation_d.name,
+                    "dt": self.controller.period,
+                },
+                "limits": {"governor": True},
+                "trajectory": self._motion(),
+                "simulation": {"duration": float(ceil(max(10.0, turns)))},
+                "engine": {"plant": "mujoco"} if self.robot.contacts else None,
+                "sensors": sensors if self.filmed else None,
+            }
+        )
 
     def _robot(self, folder: Path) -> Tables:
-        robot, source = self.robot, self.source
+        robot = self.robot
+        source = self.source
         if is_path(source) and not Path(source).is_absolute():
             source = os.path.relpath(source, folder.resolve())
-        given = {
+        several = len(robot.frames) > 1
+        return {
             "source": source,
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
-            "frame": None if self.whole or len(robot.frames) > 1 else robot.frame,
-            "frames": list(robot.frames) if len(robot.frames) > 1 else None,
+            "frame": None if self.whole or several else robot.frame,
+            "frames": robot.frames if several else None,
             "base": FREE if robot.contacts else None,
             "contacts": [contact.frame for contact in robot.contacts] or None,
             "task": IMAGE if self.filmed else robot.task.name,
@@ -219,36 +228,36 @@ class Template:
             "locked": [],
             "q0": significant(robot.home_angles.round(12), digits=12),
         }
-        return {key: value for key, value in given.items() if value is not None}
 
     def _truth(self) -> Tables:
         robot = self.robot
-        mass, radius = TOOL_ERROR * robot.mass / len(robot.frames), TOOL_ERROR * robot.reach
+        mass = TOOL_ERROR * robot.mass / len(robot.frames)
+        radius = TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
-        found: Tables = {}
-        if robot.task.positions and not robot.contacts:
-            found["tool_translation"] = self._by_frame(significant)
-        if self.tracker:  # the base as the tracker sees it
-            found["tracker"] = {
-                "rotation": [0.0, 0.0, 2.0],
-                "translation": significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2),
-            }
-        if self.filmed:
-            found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
-        found["payload"] = self._by_frame(
+        tracker = {  # the base as the tracker sees it
+            "rotation": [0.0, 0.0, 2.0],
+            "translation": significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2),
+        }
+        payload = self._by_frame(
             lambda tool: {
                 "mass": _rounded(mass, 3),
                 "com": significant(tool),
                 "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
             }
         )
-        if not robot.contacts:
-            found["friction"] = {
-                "viscous": significant(viscous, 2),
-                "coulomb": significant(coulomb, 2),
-            }
-        return found
+        friction = {"viscous": significant(viscous, 2), "coulomb": significant(coulomb, 2)}
+        stands = bool(robot.contacts)
+        moved = robot.task.positions and not stands
+        return {
+            "tool_translation": self._by_frame(significant) if moved else None,
+            "tracker": tracker if self.tracker else None,
+            "camera": [{"position": significant(self.view.position), "focal": _FOCAL}]
+            if self.filmed
+            else None,
+            "payload": payload,
+            "friction": None if stands else friction,
+        }
 
     def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:
         """Return what is made of the tool, of several frames by their names."""
@@ -313,7 +322,8 @@ def scenario_text(template: Template, folder: Path) -> str:
 
     Meanings are the first sentences of the docstrings of the classes and functions.
     """
-    lines, remarks = [f"title = {_written(template.name)}"], template.remarks()
+    lines = [f"title = {_written(template.name)}"]
+    remarks = template.remarks()
     for name, table in template.tables(folder).items():
         about = meanings(MOTIONS[table["kind"]] if name == "trajectory" else KEYS[name][0])
         lines += ["", *_comment(_ABOUT[name]), f"[{name}]"]

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -34,9 +34,19 @@ from .._output import Record, read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import at_folder, made, parts, setting, toml_value, with_values
-from .table import Row, flat, plain
+from ..scenario.tables import (
+    at_folder,
+    flat,
+    made,
+    parts,
+    plain,
+    setting,
+    toml_value,
+    with_values,
+)
+from .table import Row
 
+Function: TypeAlias = Callable[..., Any] | str  # or its name, "module:name"
 METHODS = ("random", "lhs", "sobol")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal")
 COPY = "sweep.toml"
@@ -83,7 +93,7 @@ class Values:
     key: str
     kind: str
     arguments: tuple[Any, ...]
-    names: tuple[str, ...] = ()
+    names: Sequence[str] = ()
 
     @classmethod
     def of(cls, key: str, given: Any) -> Values:
@@ -130,7 +140,7 @@ class Values:
             found = low + u * (high - low)
         return found.tolist() if self.shape else float(found[0])
 
-    def by_joint(self, names: tuple[str, ...]) -> Values:
+    def by_joint(self, names: Sequence[str]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
 
         Raises:
@@ -167,7 +177,8 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     if "(" not in text:
         return "list", [toml_value(part.strip()) for part in text.split(",")]
     tree: Any = ast.parse(text, mode="eval").body
-    kind, given = str(tree.func.id), [ast.literal_eval(each) for each in tree.args]
+    kind = tree.func.id
+    given = [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
         return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
     if kind == "choice":
@@ -189,8 +200,8 @@ def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
     from scipy.stats import qmc
 
     if method == "lhs":
-        return np.asarray(qmc.LatinHypercube(d, seed=rng).random(count))
-    return np.asarray(qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count])
+        return qmc.LatinHypercube(d, seed=rng).random(count)
+    return qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +230,7 @@ class Plan:
     title: str = ""
     scenario: Record | None = None
     folder: str = ""
-    function: Callable[..., Any] | str | None = None
+    function: Function | None = None
     path: str = ""
     vary: Record = field(default_factory=dict)
     case: Sequence[Record] = ()
@@ -274,19 +285,22 @@ class Plan:
         Raises:
             InputError: the file cannot be used.
         """
-        tables, folder = read_toml(path), path.resolve().parent
+        tables = read_toml(path)
+        folder = path.resolve().parent
         above = folder  # from which modules beside the file are imported
         while (above / "__init__.py").is_file():
             above = above.parent
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
-            tables["scenario"], folder = read_toml(named), named.resolve().parent
+            tables["scenario"] = read_toml(named)
+            folder = named.resolve().parent
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | dict(setting(key, "--vary") for key in vary)
+        varied = dict(mapping(tables.get("vary"), "vary"))
+        tables["vary"] = varied | dict(setting(key, "--vary") for key in vary)
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
-        return cls.of(tables | {key: each for key, each in options.items() if each is not None})
+        return cls.of(tables | plain(options))
 
     @classmethod
     def of(cls, tables: Record) -> Plan:
@@ -298,7 +312,8 @@ class Plan:
             InputError: they cannot be used.
         """
         tables = dict(tables)
-        fixed, listed = tables.pop("set", {}), tables.get("case", [])
+        fixed = tables.pop("set", {})
+        listed = tables.get("case", [])
         if "scenario" in tables:
             tables["scenario"] = with_values(tables["scenario"], fixed)
             listed = [flat(case) for case in listed]
@@ -306,8 +321,7 @@ class Plan:
             listed = [fixed | case for case in listed or [{}]]
         tables["case"] = [each for case in listed for each in _expanded(case)]
         tables["vary"] = flat(mapping(tables.get("vary"), "vary"))
-        found: Plan = made(cls, tables, "sweep file")
-        return found
+        return made(cls, tables, "sweep file")
 
     def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
@@ -323,13 +337,13 @@ class Plan:
             parts(self._tables(values))
 
     @cached_property
-    def values(self) -> tuple[Values, ...]:
+    def values(self) -> list[Values]:
         """What is varied beside the listed cases; "KEY.*" has a number for each joint."""
         values = [Values.of(str(key), each) for key, each in self.vary.items()]
         if self.scenario is None or not any(each.key.endswith(".*") for each in values):
-            return tuple(values)
-        names = tuple(described_robot(self._tables(dict(*self.case[:1]))).joint_names)
-        return tuple(each.by_joint(names) for each in values)
+            return values
+        names = described_robot(self._tables(dict(*self.case[:1]))).joint_names
+        return [each.by_joint(names) for each in values]
 
     @cached_property
     def cases(self) -> list[Case]:

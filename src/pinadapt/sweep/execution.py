@@ -41,7 +41,7 @@ from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
-from .cases import COPY, Case, Plan
+from .cases import COPY, Case, Function, Plan
 from .table import (
     AGAIN,
     CRASHED,
@@ -80,7 +80,7 @@ def run_scenario(tables: Record, folder: str, case: Case) -> Record:
     return numbers_of(scenario_of(tables, folder, case).run(progress=False))
 
 
-def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Record:
+def run_function(function: Function, path: str, case: Case) -> Record:
     """Return what a function, or "module:name" in a folder, returns for the values of a case.
 
     It gets the seed too, if it has an argument ``seed``. What is no table is called "result".
@@ -91,7 +91,7 @@ def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> R
     return found if isinstance(found, Mapping) else {"result": found}
 
 
-def resolved(function: Callable[..., Any] | str, path: str) -> Callable[..., Any]:
+def resolved(function: Function, path: str) -> Callable[..., Any]:
     """Return a function from its name, "module:name". Its module is a program, which runs now.
 
     Raises:
@@ -103,7 +103,7 @@ def resolved(function: Callable[..., Any] | str, path: str) -> Callable[..., Any
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found: Callable[..., Any] = getattr(import_module(module), name)
+        found = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -146,7 +146,8 @@ def numbers_of(rollout: Rollout) -> Row:
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    numbers, limits = rollout.numbers, rollout.effort_limits
+    numbers = rollout.numbers
+    limits = rollout.effort_limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
@@ -256,7 +257,8 @@ def _as_ended(
     futures = {executor.submit(task, case): case for case in cases}
     try:
         for future in as_completed(futures):
-            case, error = futures[future], future.exception()
+            case = futures[future]
+            error = future.exception()
             if error is None or isinstance(error, InputError):  # no process can be started
                 yield future.result()
                 continue
@@ -284,7 +286,8 @@ def rows(
     Raises:
         InputError: a function cannot be imported, or no process can be started.
     """
-    work, timeout = work_of(plan), plan.timeout
+    work = work_of(plan)
+    timeout = plan.timeout
     if executor is not None and not isinstance(executor, Executor):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):

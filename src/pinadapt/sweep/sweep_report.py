@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Report, Table, cell, html_page, percent, write_json, write_text
+from .._output import Report, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
@@ -55,7 +55,8 @@ def rate(which: np.ndarray) -> Rate:
     """Return the share of true entries, one at least, with Wilson's interval (Wilson 1927)."""
     from scipy.stats import binomtest
 
-    count, total = int(np.sum(which)), len(which)
+    count = int(np.sum(which))
+    total = len(which)
     found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, float(found.low), float(found.high))
 
@@ -164,7 +165,7 @@ class SweepReport:
 
     def values(self, name: str) -> np.ndarray:
         """Return a column of numbers (N), infinite where a case has none."""
-        column = self.table[name]
+        column = self.table[name].astype(float)
         return np.where(np.isnan(column) | self.table.lost, np.inf, column)
 
     @cached_property
@@ -203,14 +204,16 @@ class SweepReport:
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
-        columns, table = ["case", *self.parameters, *names], self.table.rows()
-        return Table([[cell(table[i][name]) for name in columns] for i in rows], columns, title)
+        columns = ["case", *self.parameters, *names]
+        table = self.table.rows()
+        return Table([[table[i][name] for name in columns] for i in rows], columns, title)
 
     def sheet(self) -> Report:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
-        tables, chosen = [], self.lost
+        tables = []
+        chosen = self.lost
         if self.results:
-            rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
+            rows = [[name, *each, ""] for name, each in self.percentiles.items()]
             header = ["result", *(f"{p:.0%} (95% interval)" for p in PERCENTILES), ""]
             tables.append(Table(rows, header, "Results"))
             tables.append(self._listed("Worst cases", self.worst, [self.main]))
@@ -235,19 +238,22 @@ class SweepReport:
         """Write ``report.html``, ``report.json`` and the figures into a folder."""
         for name, drawn in self._pictures.items():
             write_text(folder / name, drawn)
-        numbers = {
-            "title": self.title,
-            "verdict": self.verdict(),
-            "cases": len(self.table),
-            "planned": len(self.plan.cases),
-            "lost": int(self.table.lost.sum()),
-            "success": self.success._asdict(),
-            "percentiles": {
-                name: [each._asdict() for each in found] for name, found in self.percentiles.items()
+        write_json(
+            folder / NUMBERS,
+            {
+                "title": self.title,
+                "verdict": self.verdict(),
+                "cases": len(self.table),
+                "planned": len(self.plan.cases),
+                "lost": int(self.table.lost.sum()),
+                "success": self.success._asdict(),
+                "percentiles": {
+                    name: [each._asdict() for each in found]
+                    for name, found in self.percentiles.items()
+                },
+                "version": __version__,
             },
-            "version": __version__,
-        }
-        write_json(folder / NUMBERS, numbers)
+        )
         write_text(folder / PAGE, self.page())
 
     @cached_property
@@ -263,8 +269,10 @@ class SweepReport:
 
     def map(self, x: str, y: str) -> Picture:
         """Return a map of the main result over two parameters, lost cases marked."""
-        places, values = np.array([self.table[x], self.table[y]]), self.values(self.main)
-        lost, (figure, ax) = np.isinf(values), _axes(x, y)
+        places = np.array([self.table[x], self.table[y]])
+        values = self.values(self.main)
+        lost = np.isinf(values)
+        figure, ax = _axes(x, y)
         drawn = ax.scatter(*places[:, ~lost], c=values[~lost], s=18)
         ax.scatter(*places[:, lost], marker="x", color="C3", s=28, label="lost")
         if lost.any():
@@ -274,7 +282,8 @@ class SweepReport:
 
     def bands(self, x: str) -> Picture:
         """Return percentiles of the main result over one parameter; lost cases leave gaps."""
-        values, column = self.values(self.main), self.table[x]
+        values = self.values(self.main)
+        column = self.table[x]
         distinct = np.unique(column)
         parts = np.array_split(distinct, min(len(distinct), _CLASSES))
         groups = [np.isin(column, part) for part in parts]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,8 +17,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import word
-from .._output import Record, Table, cell, read_as_data, write_text
+from .._output import Record, Table, read_as_data, write_text
 from ..exceptions import InputError
+from ..scenario.tables import flat, plain
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
 FIRST, LAST = ("case", "seed"), ("seconds",)
@@ -28,28 +29,6 @@ AGAIN = (CRASHED, FAILED, TIMEOUT)  # may end otherwise when they run again
 PRINTED_ROWS = 20  # of a list; half or twice: a shorter or longer text
 Row: TypeAlias = dict[str, Any]  # values of a case by column
 _WORDS = {"": None, "True": True, "False": False}
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON and TOML have it, without what is None in a table."""
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items() if each is not None}
-    if isinstance(value, list | tuple | range):
-        return [plain(each) for each in value]
-    return value if isinstance(value, bool | int | float | str | None) else str(value)
-
-
-def flat(table: Record, prefix: str = "") -> Row:
-    """Return the entries of nested tables by dotted keys."""
-    found: Row = {}
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            found |= flat(value, f"{prefix}{key}.")
-        else:
-            found[f"{prefix}{key}"] = value
-    return found
 
 
 def flat_row(row: Record) -> Row:
@@ -126,13 +105,12 @@ class CaseTable:
     @property
     def lost(self) -> np.ndarray:
         """Whether a case has no result (N): it diverged, was refused, failed, crashed or hung."""
-        return np.asarray(self["status"] != DONE)
+        return self["status"] != DONE
 
     def same_as(self, other: CaseTable) -> bool:
         """Return whether two tables are equal to the bit, but for the time that cases took."""
         one, two = (
-            repr([{name: row[name] for name in row if name not in LAST} for row in table.rows()])
-            for table in (self, other)
+            repr([row | dict.fromkeys(LAST) for row in table.rows()]) for table in (self, other)
         )
         return one == two
 
@@ -160,7 +138,7 @@ class CaseTable:
 
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
-        shown = [list(map(cell, row.values())) for row in self._rows[:PRINTED_ROWS]]
+        shown = [list(row.values()) for row in self._rows[:PRINTED_ROWS]]
         if len(self) > PRINTED_ROWS:
             shown.append(["..."] * len(self.names))
         return str(Table(shown, self.names))

@@ -15,7 +15,7 @@ from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows
-from .sweep_report import Rate, percentile, rate, succeeded
+from .sweep_report import Rate, SweepReport, percentile, rate, succeeded
 from .table import CaseTable, Row
 
 
@@ -56,7 +56,7 @@ class Tuned:
             [
                 words,
                 *(_amount(numbers[on][of]) for on in ("search", "validation")),
-                str(Rate(**numbers["success"][of])),
+                Rate(**numbers["success"][of]),
             ]
             for of, words in {"default": "defaults", "best": "found"}.items()
         ]
@@ -104,16 +104,17 @@ def tune(
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
 
-    def judge(chosen: Record, plan: Plan) -> Judged:
+    def judge(chosen: Row, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
-        changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
+        changed = (replace(case, values=case.values | chosen) for case in plan.cases)
         table = CaseTable(rows(plan, changed, executor))
-        found = np.full(len(table), np.nan) if table.lost.all() else table[objective].astype(float)
-        errors = np.where(table.lost | np.isnan(found), np.inf, found)
+        errors = np.full(len(table), np.inf)
+        if not table.lost.all():
+            errors = SweepReport(table, plan).values(objective)
         value = percentile(errors, share).value
         if not math.isfinite(value):
             value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
-        return Judged(dict(chosen), value, errors, rate(succeeded(table)))
+        return Judged(chosen, value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -126,7 +127,8 @@ def tune(
         )
         for key, values in found.items()
     }
-    before, tried = judge({}, plan), []
+    before = judge({}, plan)
+    tried = []
     for _ in watched(range(trials), None, "tune"):
         trial = study.ask(spaces)
         tried.append(judge(trial.params, plan))
@@ -135,18 +137,19 @@ def tune(
     other = replace(plan, seed=plan.seed + 1, **more)
     default, chosen = judge({}, other), judge(best.gains, other)
     words, better = verdict(default, chosen)
-    numbers = {
-        "verdict": words,
-        "better": better,
-        "objective": f"{share:.0%} percentile of {objective}",
-        "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
-        "gains": best.gains,
-        "search": {"default": before.objective, "best": best.objective},
-        "validation": {"default": default.objective, "best": chosen.objective},
-        "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
-        "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
-    }
-    return Tuned(numbers)
+    return Tuned(
+        {
+            "verdict": words,
+            "better": better,
+            "objective": f"{share:.0%} percentile of {objective}",
+            "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
+            "gains": best.gains,
+            "search": {"default": before.objective, "best": best.objective},
+            "validation": {"default": default.objective, "best": chosen.objective},
+            "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
+            "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
+        }
+    )
 
 
 def searched(gains: Record, plan: Plan) -> dict[str, Values]:
@@ -180,7 +183,8 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
     from scipy.stats import wilcoxon
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
-    found, before = best.errors[both], default.errors[both]
+    found = best.errors[both]
+    before = default.errors[both]
     p = 1.0
     if (found != before).any():
         p = float(wilcoxon(found, before, alternative="less").pvalue)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from meshcat.geometry import Box, Cylinder
@@ -44,13 +43,10 @@ class DrawnContacts:
             robot: that stands on them.
             size: half of the picture [m].
         """
-        self._size = size
-        weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
-        self._length = size / max(weight, 1e-9)
-        self._drawn = list[Any]()
+        self._node, self._robot, self._size = node, robot, size
+        self._length = size / max(robot.mass * np.linalg.norm(robot.model.gravity.linear), 1e-9)
         for contact in robot.contacts:
             own = node[contact.frame]
-            frame = robot.model.frames[frame_id(robot.model, contact.frame)]
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, Colour.CONE))
             own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, Colour.FORCE))
             if contact.sole is not None:
@@ -58,16 +54,17 @@ class DrawnContacts:
                 own["sole"].set_object(
                     Box([2 * length, 2 * width, 0.01]), overlay(0.5, Colour.CONE)
                 )
-            self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
 
-    def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
-        """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
-        for (contact, node, joint, place), force in zip(
-            self._drawn, forces.swapaxes(0, 1), strict=True
-        ):
-            moved = joints[:, joint] @ place
-            at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
-            normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
+    def place(self, motion: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
+        """Move everything to where a motion of the robot has it, with forces (F, c, 6)."""
+        model = self._robot.model
+        for contact, force in zip(self._robot.contacts, forces.swapaxes(0, 1), strict=True):
+            node = self._node[contact.frame]
+            frame = model.frames[frame_id(model, contact.frame)]
+            moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
+            at = moved[:, :3, 3]
+            f, m = np.split(force, 2, axis=1)
+            normal = np.array([0.0, 0.0, 1.0])
             if contact.sole is not None:
                 normal = moved[:, :3, 2]
                 poses.move(node["sole"], at, Rotation.from_matrix(moved[:, :3, :3]))
@@ -75,6 +72,7 @@ class DrawnContacts:
             size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
             pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
             high = 0.25 * size
-            top = pressed + high * normal
-            poses.move(node["cone"], *rod(pressed, top, contact.friction * high))
+            poses.move(
+                node["cone"], *rod(pressed, pressed + high * normal, contact.friction * high)
+            )
             poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))

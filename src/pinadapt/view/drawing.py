@@ -77,15 +77,19 @@ class Window:
         Each is preceded by its length in 4 bytes, as the page reads it.
         """
         with self._lock:
-            new = [message for number, message in self._latest.values() if number > count]
-            framed = (len(message).to_bytes(4, "big") + message for message in new)
+            framed = (
+                len(message).to_bytes(4, "big") + message
+                for number, message in self._latest.values()
+                if number > count
+            )
             return self.count, b"".join(framed)
 
 
 def solid(colour: int, opacity: float = 1.0, **options: Any) -> MeshLambertMaterial:
     """Return a material, opaque by default, with options of three.js."""
-    glow = {"emissive": colour, "emissiveIntensity": 0.35}
-    return MeshLambertMaterial(color=colour, opacity=opacity, **glow, **options)
+    return MeshLambertMaterial(
+        color=colour, opacity=opacity, emissive=colour, emissiveIntensity=0.35, **options
+    )
 
 
 def overlay(opacity: float, colour: int) -> MeshLambertMaterial:
@@ -137,7 +141,7 @@ def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
     vertices = np.concatenate([points[:-1, None] + rings, points[1:, None] + rings], axis=1)
     i = np.arange(sides)
     j = np.roll(i, -1)
-    faces = np.vstack([np.stack([i, j, i + sides], 1), np.stack([j, j + sides, i + sides], 1)])
+    faces = np.hstack([[i, j, i + sides], [j, j + sides, i + sides]]).T
     first = 2 * sides * np.arange(len(points) - 1)[:, None, None]
     return TriangularMeshGeometry(vertices.reshape(-1, 3), (first + faces).reshape(-1, 3))
 
@@ -176,11 +180,13 @@ def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Mo
 
     Below its twin each is drawn as a ghost.
     """
-    visual, first = visual.copy(), dict[Any, Node]()
+    visual = visual.copy()
+    first = dict[Any, Node]()
     artist = Artist(model, None, visual)
     artist.initViewer(viewer=root)
     for number, shape in enumerate(visual.geometryObjects):
-        joint, shape.name = f"joint {shape.parentJoint}", f"shape {number}"
+        joint = f"joint {shape.parentJoint}"
+        shape.name = f"shape {number}"
         place, shadow = root[joint][shape.name], twin[joint][shape.name]
         for node in (place, shadow):
             node.set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
@@ -188,7 +194,8 @@ def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Mo
         if shape.meshPath and mesh in first:
             root.window.copy(first[mesh], place)
         else:
-            first[mesh], artist.viewerVisualGroupName = place, joint
+            first[mesh] = place
+            artist.viewerVisualGroupName = joint
             artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
         root.window.copy(place, shadow, as_ghost=True)
 
@@ -209,7 +216,7 @@ class Keyframes:
         node: Node,
         position: np.ndarray,
         rotation: Rotation | None = None,
-        scale: np.ndarray | None = None,
+        scale: np.ndarray | float = 1.0,
     ) -> None:
         """Place a node in its parent's axes.
 
@@ -217,12 +224,13 @@ class Keyframes:
             node: the node.
             position: (F, 3) [m].
             rotation: (F); None for none.
-            scale: (F, 3); None for no scaling.
+            scale: (F, 3), (F, 1) or one number.
         """
         turns = Rotation.identity(len(position)) if rotation is None else rotation
-        sizes = np.ones_like(position) if scale is None else scale
+        sizes = np.broadcast_to(scale, position.shape)
         first = np.eye(4)
-        first[:3, :3], first[:3, 3] = turns[0].as_matrix() * sizes[0], position[0]
+        first[:3, :3] = turns[0].as_matrix() * sizes[0]
+        first[:3, 3] = position[0]
         node.set_transform(first)
         tracks = {"position": position, "quaternion": turns.as_quat(), "scale": sizes}
         for name, values in tracks.items():

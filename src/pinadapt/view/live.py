@@ -10,19 +10,17 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from time import perf_counter, sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..controller.controller import Controller
+from ..controller.state import Sample
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import Window
 from .page import page
 from .scene import RATE, Scene
-
-if TYPE_CHECKING:
-    from ..controller.state import Sample
 
 
 def open_in_browser(address: str) -> bool:
@@ -146,11 +144,10 @@ class LiveView:
             changes: time [s] -> the true robot from then on.
             title: of the page.
         """
-        self._started: float | None = None
-        self._next = 0.0
         self._last: Sample | None = None
         self._traced: list[np.ndarray] = []
-        t, q = np.linspace(0.0, duration, 600), true.q0[None]
+        t = np.linspace(0.0, duration, 600)
+        q = true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
         self._scene = Scene(Succession.of(true, changes), controller, t, q, x_d, t[:1])
         html = page(self._scene, title or true.name, duration, live=True)
@@ -162,23 +159,24 @@ class LiveView:
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
+        due = 0.0
+        started = None
         for sample in samples:
             self._last = sample
-            if sample.t >= self._next:
+            if sample.t >= due:
                 now = perf_counter()
-                if self._started is None:
-                    self._started = now - sample.t
-                sleep(max(0.0, self._started + sample.t - now))
-                self._next = sample.t + 1.0 / RATE
+                if started is None:
+                    started = now - sample.t
+                sleep(max(0.0, started + sample.t - now))
+                due = sample.t + 1.0 / RATE
                 self._draw(sample)
             yield sample
 
     def _draw(self, sample: Sample) -> None:
-        if not (np.isfinite(sample.truth.q).all() and np.isfinite(sample.state.a_k).all()):
-            return
-        self._traced += [*self._scene.show([sample])]
-        first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
-        self._scene.add_traces(f"true/{first}", np.array(self._traced[first:]))
+        if np.isfinite([*sample.truth.q, *sample.state.a_k]).all():
+            self._traced += [*self._scene.show([sample])]
+            first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
+            self._scene.add_traces(f"true/{first}", np.array(self._traced[first:]))
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

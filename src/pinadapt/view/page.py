@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources import files
+from math import ceil
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -97,8 +98,10 @@ class Animation:
 
     def _repr_html_(self) -> str:
         """Return a frame that contains the page and separates it from the notebook."""
-        style = "width: 100%; height: 480px; border: none"
-        return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
+        return (
+            f'<iframe srcdoc="{escape(self.html)}" '
+            'style="width: 100%; height: 480px; border: none"></iframe>'
+        )
 
     def __repr__(self) -> str:
         """Return the size, as the page is too long to print."""
@@ -122,7 +125,7 @@ def animation_of(rollout: Any) -> Animation:
     if not len(t):  # it diverged at once
         t, q, x_d = np.zeros(1), true.q0[None], true.position(true.q0)[None]
     line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
-    wanted = int(np.clip(np.ceil((t[-1] - t[0]) * RATE), 0, _MOST - 1)) + 1
+    wanted = min(ceil((t[-1] - t[0]) * RATE), _MOST - 1) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
     scene = Scene(run.true, run.controller, t[line], q[line], x_d[line], t[frames])
     if run.samples:
@@ -131,5 +134,4 @@ def animation_of(rollout: Any) -> Animation:
         for node in scene.add_traces("true", scene.traced):
             scene.window.note(("reveal", node.path), reveal=node.path.lower())
     scene.poses.play(scene.root)
-    title = rollout.title or true.name
-    return Animation(page(scene, title, rollout.duration, marks=rollout.marks))
+    return Animation(page(scene, rollout.title or true.name, rollout.duration, marks=rollout.marks))

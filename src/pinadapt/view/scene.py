@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import meshcat
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
+from meshcat.transformations import translation_matrix
 from scipy.spatial.transform import Rotation
 
 from ..controller.controller import Controller
@@ -16,8 +16,8 @@ from ..controller.state import Sample
 from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
-from ..tasks.frame import FrameTask, ImageTask
-from ..tasks.several_frames import FramesTask
+from ..tasks.frame import ImageTask
+from ..tasks.task import JointTask
 from .contacts import HIDDEN, DrawnContacts, chosen_forces
 from .drawing import (
     Colour,
@@ -35,32 +35,16 @@ from .drawing import (
 RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
-class ChainMotion(NamedTuple):
-    """Where a chain of n joints with k task frames is at F moments.
-
-    Attributes:
-        joints: (F, n + 1, 4, 4) placements of the base and the joints [m], in the base's axes.
-        tips: (F, k, 3) the task frames' origins [m].
-    """
-
-    joints: np.ndarray
-    tips: np.ndarray
-
-    @property
-    def points(self) -> np.ndarray:
-        """All joint origins and tips (F (n + 1 + k), 3) [m]."""
-        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tips.reshape(-1, 3)])
-
-
 def motion_of(
     robot: Robot,
     q: np.ndarray,
     kinematics: TaskKinematics | None = None,
     a_k: np.ndarray | None = None,
-) -> ChainMotion:
-    """Return where the joints of a robot are at configurations q, in the axes of its base.
+) -> np.ndarray:
+    """Return where a robot of n joints and k task frames is at configurations q.
 
-    The robot is not changed.
+    That is a motion (F, n + 1 + k, 4, 4): placements of the base, the joints and the task frames in
+    the axes of the base [m]. The robot is not changed.
 
     Args:
         robot: the robot.
@@ -69,22 +53,28 @@ def motion_of(
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     robot = robot.in_base_axes
-    model, joints, tips = robot.model.copy(), [], []
-    data, ends = model.createData(), [frame_id(model, name) for name in robot.frames]
+    model = robot.model.copy()
+    motion = []
+    data = model.createData()
+    ends = [frame_id(model, name) for name in robot.frames]
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
         pin.forwardKinematics(model, data, configuration)
-        tips.append([pin.updateFramePlacement(model, data, k).translation.copy() for k in ends])
-        joints.append([placement.homogeneous for placement in data.oMi])
-    return ChainMotion(np.array(joints), np.array(tips))
+        tips = [pin.updateFramePlacement(model, data, end) for end in ends]
+        motion.append([placement.homogeneous for placement in [*data.oMi, *tips]])
+    return np.array(motion)
 
 
-def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMotion:
-    """Return where the joints of a robot that changes are, at q (F, nq) and times t (F) [s]."""
+def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the motion of a robot that changes, at q (F, nq) and times t (F) [s]."""
     which = robots.index(t)
-    motions = [motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)]
-    return ChainMotion(*map(np.concatenate, zip(*motions, strict=True)))
+    return np.concatenate([motion_of(robots.robots[k], q[which == k]) for k in np.unique(which)])
+
+
+def tips_of(robot: Robot, motion: np.ndarray) -> np.ndarray:
+    """Return the origins (F, k, 3) of the task frames in a motion of a robot [m]."""
+    return motion[:, robot.model.njoints :, :3, 3]
 
 
 def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
@@ -96,22 +86,18 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
         tips: (L, k, 3) or (1, k, 3) actual positions of the tools [m] in the same axes, for
             coordinates outside of the task.
     """
-    task, tracker = true.task, true.tracker or pin.SE3.Identity()
-    if isinstance(task, FramesTask):
-        parts = np.swapaxes([[*task.parts(x)] for x in x_d], 0, 1)
-        own = enumerate(zip(task.frames, parts, strict=True))
-        each = [desired_tips(true.of_frame(name), x, tips[:, [k]]) for k, (name, x) in own]
-        return np.concatenate(each, axis=1)
-    path = np.array(np.broadcast_to(tips[:, 0], (len(x_d), 3)))
+    task = true.task
+    tracker = true.tracker or pin.SE3.Identity()
+    if isinstance(task, JointTask):
+        return tips_of(true, motion_of(true, np.array([true.configuration(x) for x in x_d])))
+    path = np.broadcast_to(tips, (len(x_d), *tips.shape[1:]))
     if isinstance(task, ImageTask):
-        path = np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
-    elif isinstance(task, FrameTask):
-        path = path @ tracker.rotation.T + tracker.translation
-        path[:, task.place] = x_d[:, : task.positions]
-        path = (path - tracker.translation) @ tracker.rotation
-    else:
-        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tips
-    return path[:, None]
+        nearest = [task.nearest(*each) for each in zip(path[:, 0], x_d, strict=True)]
+        return np.array(nearest)[:, None]
+    path = path @ tracker.rotation.T + tracker.translation
+    place = true.of_frame(true.frames[0]).frame_task.place
+    path[..., place] = x_d[:, : task.positions].reshape(*path.shape[:2], -1)
+    return (path - tracker.translation) @ tracker.rotation
 
 
 def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
@@ -130,9 +116,9 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     half = 0.5 * (high - low)
-    box = half + 0.3 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-    found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
-    return {name: part.tolist() for name, part in found.items()}
+    box = half + 0.3 * max(half.max(), 1e-3)  # bodies extend beyond the joints' origins
+    target = axes @ (0.5 * (low + high))
+    return {"target": target.tolist(), "direction": axes[:, 2].tolist(), "box": box.tolist()}
 
 
 class DrawnRobot:
@@ -155,43 +141,44 @@ class DrawnRobot:
             tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        ends = [robot.model.frames[frame_id(robot.model, name)] for name in robot.frames]
-        self.carriers = [int(end.parentJoint) for end in ends]
-        self._rods: list[tuple[Node, int, int]] = []
+        self._parents: list[int] = []
         self.loads: list[tuple[int, Node]] = []
-        self._tips = [node[_numbered("tip", k)] for k in range(len(ends))]
+        self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
-    def place(self, motion: ChainMotion, poses: Keyframes) -> None:
+    def place(self, motion: np.ndarray, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        joints, tips = motion.joints.swapaxes(0, 1), motion.tips.swapaxes(0, 1)
-        for index, place in enumerate(joints):
-            turn = Rotation.from_matrix(place[:, :3, :3])
-            poses.move(self.node[f"joint {index}"], place[:, :3, 3], turn)
-        points = [*joints[:, :, :3, 3], *tips]
-        for node, start, end in self._rods:
-            poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
-        for node, tip in zip(self._tips, tips, strict=True):
+        points = motion[:, :, :3, 3].swapaxes(0, 1)
+        joints = self.robot.model.njoints
+        for index in range(joints):
+            turn = Rotation.from_matrix(motion[:, index, :3, :3])
+            poses.move(self.node[f"joint {index}"], points[index], turn)
+        for end, start in enumerate(self._parents):
+            if end:
+                bone = rod(points[start], points[end], 0.025 * self.size)
+                poses.move(self.node[f"rod {end}"], *bone)
+        for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
     def stick_figure(self, material: Material) -> None:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
-        parents = [*map(int, self.robot.model.parents), *self.carriers]
-        for end, start in enumerate(parents):
-            if end < self.robot.model.njoints:
+        model = self.robot.model
+        tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
+        self._parents = [*model.parents, *tips]
+        for end in range(len(self._parents)):
+            if end < model.njoints:
                 self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
-                self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of the robot of this number in the succession as a ball of steel."""
         for k, (joint, load) in enumerate(robot.loads):
             node = self.node[f"joint {joint}"][f"load {number}"]
-            radius = float(np.cbrt(0.75 / np.pi * load.mass / 7850.0))  # of steel [kg/m^3]
+            radius = np.cbrt(0.75 / np.pi * load.mass / 7850.0)  # of steel [kg/m^3]
             node[f"{k}"].set_object(Sphere(radius), ghost(0.6, Colour.LOAD))
-            node[f"{k}"].set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+            node[f"{k}"].set_transform(translation_matrix(load.lever))
             self.loads.append((number, node))
 
 
@@ -214,7 +201,8 @@ class Scene:
         root: node of the scene.
         viewpoint: where it is seen from, see the function of this name.
         size: half the larger side of the picture [m].
-        robots: the true robot, and what it changes to.
+        true: the true robot at first.
+        robots: that one, and what it changes to.
         controller: that estimates.
         poses: moves the nodes.
         traced: (L, k, 3) paths of the true tips [m].
@@ -239,20 +227,23 @@ class Scene:
             x_d: (L, .) desired task coordinates.
             moments: (F) that are shown [s].
         """
-        self.window, self.poses = Window(), Keyframes(moments)
+        self.window = Window()
+        self.poses = Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
-        self.robots, self.controller, true = robots, controller, robots.robots[0]
+        self.robots, self.controller = robots, controller
+        self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
-        self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
+        self.traced = tips_of(true, motion)
+        path = desired_tips(true, x_d, self.traced).swapaxes(0, 1)
         way = path.reshape(-1, 3)
-        self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
+        self.viewpoint = viewpoint(np.vstack([motion[:, :, :3, 3].reshape(-1, 3), way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
         mark = overlay if true.contacts else ghost  # the trunk hides its frame
         self._trace = overlay(1.0, Colour.TRUE) if true.contacts else solid(Colour.TRUE)
         self._solid = DrawnRobot(self.root["true"], true, size, self._trace)
-        estimated = controller.kinematics.robot
-        self._ghost = DrawnRobot(self.root["estimated"], estimated, size, ghost(0.6))
-        if true.visual is not None and len(true.visual.geometryObjects) > 0:
+        kinematics = controller.kinematics
+        self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
+        if true.visual is not None and true.visual.ngeoms:
             draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
             self._solid.stick_figure(solid(Colour.BONES))
@@ -260,17 +251,16 @@ class Scene:
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
-        self._points = [self.root[_numbered("desired point", k)] for k in range(len(path))]
-        for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
+        self._points = []
+        for k, own in enumerate(path):
             self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
-            node.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
-        kinematics = controller.kinematics
+            self._points.append(self.root[_numbered("desired point", k)])
+            self._points[k].set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
-        floor = min(0.0, motion_of(true, true.q0[None]).points[:, 2].min())
-        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor])).homogeneous
-        self.root["/Grid"].set_transform(place)
+        floor = min(0.0, motion_of(true, true.q0[None])[:, :, 2, 3].min())
+        self.root["/Grid"].set_transform(translation_matrix([0.0, 0.0, floor]))
         self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
@@ -284,42 +274,43 @@ class Scene:
             "estimated tip, and robot where it differs": Colour.ESTIMATED,
             "desired point and path": Colour.DESIRED,
         }
-        if self.robots.robots[0].contacts:
+        if self.true.contacts:
             legend |= {"chosen contact force": Colour.FORCE, "friction cone": Colour.CONE}
         return legend | ({"load": Colour.LOAD} if any(r.loads for r in self.robots.robots) else {})
 
     def show(self, samples: Sequence[Sample]) -> np.ndarray:
         """Move everything to F samples, note the curves, and return the true tips (F, k, 3) [m]."""
-        kinematics, poses, robots = self.controller.kinematics, self.poses, self.robots.robots
+        kinematics = self.controller.kinematics
+        poses = self.poses
         rows = [(s.t, s.truth.q, s.desired.x_d, s.state.a_k) for s in samples]
         t, q, x_d, a_k = (np.array(each) for each in zip(*rows, strict=True))
         motion = motion_in_time(self.robots, t, q)
+        tips = tips_of(self.true, motion)
         self._solid.place(motion, poses)
-        self._contacts.place(motion.joints, chosen_forces(self.controller, samples), poses)
+        self._contacts.place(motion, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
+        desired = desired_tips(self.true, x_d, tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
-        still = np.zeros((len(t), 3))
         for number, node in self._solid.loads:
             carried = self.robots.index(t)[:, None] == number
-            poses.move(node, still, None, np.where(carried, still + 1.0, HIDDEN))
+            poses.move(node, np.zeros((len(t), 3)), None, np.where(carried, 1.0, HIDDEN))
         for sample in samples:
-            moment, values = round(sample.t, 4), self._reading(sample)
+            moment = round(sample.t, 4)
+            values = self._reading(sample)
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
             self.window.note(("reading", moment), reading={"t": moment, "values": read})
-        return motion.tips
+        return tips
 
     @property
     def units(self) -> dict[str, str]:
         """Label -> unit of each curve: errors of the task, and of estimated translations."""
-        groups = self.robots.robots[0].task.groups
-        units = {f"{group.name} error": group.shown.unit for group in groups}
+        units = {f"{group.name} error": group.shown.unit for group in self.true.task.groups}
         return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
 
     def _reading(self, sample: Sample) -> list[float]:
         """Return the values of the curves at a sample."""
-        task = self.robots.robots[0].task
+        task = self.true.task
         assert sample.truth.x is not None  # perfect sensors see the task
         error = task.error(sample.truth.x, sample.desired.x_d)
         parts = [group.shown.scale * error[group.rows] for group in task.groups]
@@ -330,12 +321,14 @@ class Scene:
 
     def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
-        names = [_numbered(name, k) for k in range(tips.shape[1])]
-        for own, path in zip(names, tips.swapaxes(0, 1), strict=True):
-            self.add_path(own, path, 0.005, self._trace)
-        return [self.root["paths"][own] for own in names]
+        return [
+            self.add_path(_numbered(name, k), path, 0.005, self._trace)
+            for k, path in enumerate(tips.swapaxes(0, 1))
+        ]
 
-    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:
-        """Draw a path (L, 3) [m]; fewer than two points are not drawn."""
+    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> Node:
+        """Draw a path (L, 3) [m] and return its node; fewer than two points are not drawn."""
+        node = self.root["paths"][name]
         if len(points) > 1:
-            self.root["paths"][name].set_object(tube(points, radius * self.size), material)
+            node.set_object(tube(points, radius * self.size), material)
+        return node
