@@ -32,6 +32,8 @@ kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once co
 _entry_points: list[Callable[[], Callable[..., Any]]] = []  # of all kernels that are defined
 _helpers: list[Callable[..., Any]] = []  # that numba has not been told of yet
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "boundscheck": True}
+# no counting of references: an option of numba's that its documentation does not have
+_UNCOUNTED: dict[str, Any] = {"_nrt": False}
 _NOTE = "pinadapt: compiling its kernels, once on this machine ..."
 
 
@@ -109,7 +111,7 @@ def _entry_point(
     if vars(config)["DISABLE_JIT"]:
         return function
     while _helpers:
-        register_jitable(forceinline=True, _nrt=False, **_OPTIONS)(_helpers.pop())
+        register_jitable(forceinline=True, **_OPTIONS, **_UNCOUNTED)(_helpers.pop())
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
     typed = result(
@@ -118,9 +120,7 @@ def _entry_point(
             for i, kind in enumerate(arguments)
         )
     )
-    # no counting of references: an option of numba's that its documentation does not have
-    counting: dict[str, Any] = {} if allocates else {"_nrt": False}
-    options = {**_OPTIONS, **counting}
+    options = _OPTIONS if allocates else _OPTIONS | _UNCOUNTED
     try:
         dispatcher = njit(typed, cache=True, **options)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling

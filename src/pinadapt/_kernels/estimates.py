@@ -130,7 +130,8 @@ def follow_geodesic(
             square = add_dot(square, A[b, r], A[b, :, r])
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
-    after[:] = a
+    for i in range(len(a)):
+        after[i] = a[i]
     for b in range(k):
         X = P[b]
         for order in range(4, 0, -1):  # P - h A / order X
