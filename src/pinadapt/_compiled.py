@@ -10,7 +10,7 @@ replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a 
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays. They do
 not call each other, because the cache on disk would not notice a change in another file; what they
-share is inlined: the two sums of products here, and helpers of their own file. An index
+share is inlined: the sums and multiples here, and helpers of their own file. An index
 outside of an array is an ``IndexError``, which takes a nanosecond to check. What a kernel is given
 has to be arrays of floats with the axes that it was compiled for: what users give becomes such
 arrays where it enters.
@@ -92,6 +92,13 @@ def subtract_dot(start: float, x: np.ndarray, y: np.ndarray) -> float:
     for k in range(len(x)):
         total -= x[k] * y[k]
     return total
+
+
+@inlined
+def add_multiple(y: np.ndarray, factor: float, x: np.ndarray) -> None:
+    """Add factor x to y."""
+    for k in range(len(y)):
+        y[k] += factor * x[k]
 
 
 def compile_all() -> None:

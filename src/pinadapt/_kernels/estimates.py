@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, compiled
+from .._compiled import add_dot, add_multiple, compiled
 
 
 @compiled(
@@ -75,15 +75,13 @@ def fit(
             x = 0.0
             for j in range(m):
                 x += (R[i, j] - R_0[i, j]) * r[j]
-            for k in range(p):
-                gradient[k] += W[i, k] * x
+            add_multiple(gradient, x, W[i])
     for i in range(m):
         for k in range(p):
             x = 0.0
             for j in range(m):
                 x += dt * R[i, j] * W[j, k]
-            for t in range(p):
-                total[k, t] += x * W[i, t]
+            add_multiple(total[k], x, W[i])
     for k in range(p):
         for t in range(p):
             after[k, t] = kept * total[k, t] + restored * prior[k, t]

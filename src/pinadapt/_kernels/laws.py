@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, compiled, inlined, subtract_dot
+from .._compiled import add_dot, add_multiple, compiled, inlined, subtract_dot
 
 
 @compiled(
@@ -163,9 +163,7 @@ def kinematic_drive(
         error[i] = subtract_dot(-alpha * dxd, K_PV[i], dx)
     gradient[:] = 0.0
     for i in range(len(y)):
-        weighted = add_dot(0.0, R_k[i], residual)
-        for j in range(len(a_k)):
-            gradient[j] += W_k[i, j] * weighted
+        add_multiple(gradient, add_dot(0.0, R_k[i], residual), W_k[i])
     for j in range(len(a_k)):
         gradient[j] = add_dot(gradient[j], Y_k[:, j], error)
 
@@ -209,9 +207,7 @@ def commanded_acceleration(
             x -= K_v[i, j] * (xd[j] - xd_d[j]) + K_P[i, j] * dx[j]
         missed[i] = subtract_dot(subtract_dot(x, Y_k[i], a_k_rate), J[i], v)
     for i in range(m):
-        x = add_dot(0.0, gram_inverse[i], missed)
-        for t in range(n):
-            v[t] += J[i, t] * x
+        add_multiple(v, add_dot(0.0, gram_inverse[i], missed), J[i])
 
 
 @compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, compiled, subtract_dot
+from .._compiled import add_dot, add_multiple, compiled, subtract_dot
 
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
@@ -48,8 +48,7 @@ def invert_gram(
             for i in range(m):
                 if i != k:
                     factor, A[i, k] = A[i, k], 0.0
-                    for j in range(m):
-                        A[i, j] -= factor * A[k, j]
+                    add_multiple(A[i], -factor, A[k])
         for i in range(m):
             if whole or levels[i] == level:
                 size += A[i, i]
@@ -81,8 +80,7 @@ def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
         for i in range(k + 1, n):
             factor = A[k, i] / A[k, k]
             x[i] -= factor * x[k]
-            for j in range(i, n):
-                A[i, j] -= factor * A[k, j]
+            add_multiple(A[i, i:], -factor, A[k, i:])
     for k in range(n - 1, -1, -1):
         x[k] = subtract_dot(x[k], A[k, k + 1 :], x[k + 1 :]) / A[k, k]
     return True

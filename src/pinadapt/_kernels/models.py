@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, compiled
+from .._compiled import add_dot, add_multiple, compiled
 
 PER_BODY = 10
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
@@ -130,9 +130,9 @@ def observed_motion(
         for c in range(width):
             g = (N[c] - y[i] * D[c]) / z
             G[i, c] = g if c != one else z
-            for t in range(n if g != 0.0 else 0):
-                J[i, t] += g * Phi[c, t]
-                Jdot[i, t] += g * Phid[c, t]
+            if g != 0.0:
+                add_multiple(J[i], g, Phi[c])
+                add_multiple(Jdot[i], g, Phid[c])
         yd[i] = add_dot(0.0, J[i], v)
         Jdot_v[i] = add_dot(0.0, Jdot[i], v) - 2.0 * yd[i] * zd / z
         for j in range(len(a)):
@@ -173,13 +173,12 @@ def add_map_rates(
                 change *= -y[i]
             change /= z[i]
             total += change * Phi[c, n]
-            for t in range(n):
-                Jdot[i, t] += change * Phi[c, t]
+            add_multiple(Jdot[i], change, Phi[c])
         total, zd = total / z[i], zd / z[i]
         for c in range(len(D)):
             less = total * D[c] + zd * G[i, c]
-            for t in range(n if less != 0.0 else 0):
-                Jdot[i, t] -= less * Phi[c, t]
+            if less != 0.0:
+                add_multiple(Jdot[i], -less, Phi[c])
 
 
 @compiled(
