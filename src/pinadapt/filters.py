@@ -112,12 +112,12 @@ class MotionFilters(Filters):
     z (n) of the joint velocity, for the joint acceleration.
 
     Attributes:
-        task_velocity: low pass lambda of (3)-(4).
-        joint_velocity: low pass behind the acceleration, of bandwidth 1 / lambda_a.
+        task_velocity: bandwidth of the low pass lambda of (3)-(4) [1/s].
+        joint_velocity: 1 / lambda_a, bandwidth of that behind the acceleration [1/s].
     """
 
-    task_velocity: LowPass
-    joint_velocity: LowPass
+    task_velocity: float
+    joint_velocity: float
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> np.ndarray:
         """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
@@ -142,8 +142,8 @@ class MotionFilters(Filters):
             x = p_hat if sensed.x is None else sensed.x
             W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
-                state, X_k, p_hat, kinematics.a_k, x, self.task_velocity.bandwidth,
-                sensed.v, self.joint_velocity.bandwidth, W_k, y, a,
+                state, X_k, p_hat, kinematics.a_k, x, self.task_velocity,
+                sensed.v, self.joint_velocity, W_k, y, a,
             ):  # fmt: skip
                 return FilteredMotion(W_k, y, a)
         raise InputError("the filters are those of another controller.", where="state")
@@ -153,7 +153,7 @@ class MotionFilters(Filters):
         filtered, after = s.filtered, empty(state.size)
         kernels.advance(
             state, filtered.W_k, filtered.y, filtered.a,
-            self.task_velocity.bandwidth, self.joint_velocity.bandwidth, dt, after,
+            self.task_velocity, self.joint_velocity, dt, after,
         )  # fmt: skip
         return after
 

@@ -352,6 +352,6 @@ class ExponentiatedGradient(Adaptation):
         value = estimate.value
         if not (self.contains(value) and (truth >= 0.0).all()):
             return None
-        least = np.finfo(float).tiny
-        entropy = np.where(truth > 0.0, truth * np.log(np.maximum(truth, least) / value), 0.0)
-        return float(np.sum((entropy + value - truth) / self._rates))
+        from scipy.special import kl_div  # here, because scipy is slow to import
+
+        return float(np.sum(kl_div(truth, value) / self._rates))

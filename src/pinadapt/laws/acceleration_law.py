@@ -13,9 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy import empty
 
+from .._checks import positive
 from .._kernels import laws as kernels
-from ..adaptation.adaptation import Drives
-from ..filters import LowPass, MotionFilters
+from ..adaptation.adaptation import Drive, Drives
+from ..filters import MotionFilters
 from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from .law import Command, EstimatedModel, Feedback, Truth, check_in_place, check_margin
@@ -58,9 +59,7 @@ class AccelerationLaw(TaskFeedback):
     @cached_property
     def filters(self) -> MotionFilters:
         """Task velocity and joint acceleration, filtered."""
-        return MotionFilters(
-            LowPass(self.lambda_, "lambda_"), LowPass(1.0 / self.lambda_a, "lambda_a")
-        )
+        return MotionFilters(self.lambda_, positive(1.0 / self.lambda_a, "lambda_a"))
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
@@ -106,6 +105,12 @@ class EstimatedVelocityLaw(AccelerationLaw):
     alpha (xd - xd_d + delta) is then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta =
     0 leaves dV/dt; see ``PoseTask``.
     """
+
+    def _feedback(self, s: Signals, model: EstimatedModel) -> tuple[np.ndarray, Drive, np.ndarray]:
+        """Return e (m), the drive of the kinematic estimate, and the acceleration v (n)."""
+        e, kinematic = self._errors(s, self.alpha)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
+        return e, kinematic, self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""

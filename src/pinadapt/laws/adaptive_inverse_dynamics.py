@@ -42,9 +42,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
-        e, kinematic = self._errors(s, self.alpha)
-        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
+        e, kinematic, v = self._feedback(s, model)
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
@@ -87,10 +85,9 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     def _check(self) -> None:
         if self.Q is None:
             check_margin(self.K_v, self.alpha)
-            m = self.task.size
-            Q = np.zeros((2 * m, 2 * m))
-            Q[:m, :m] = 2.0 * self.alpha * self.K_P
-            Q[m:, m:] = 2.0 * (self.K_v - self.alpha * np.eye(m))
+            none, one = np.zeros_like(self.K_v), np.eye(self.task.size)
+            position, velocity = self.alpha * self.K_P, self.K_v - self.alpha * one
+            Q = 2.0 * np.block([[position, none], [none, velocity]])
             object.__setattr__(self, "Q", Q)
         object.__setattr__(self, "Q", task_gain(self.Q, self.task, "Q", copies=2))
 
@@ -190,9 +187,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
-        e, kinematic = self._errors(s, self.alpha)
-        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
+        e, kinematic, v = self._feedback(s, model)
         dynamics = model.dynamics
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)

@@ -11,7 +11,7 @@ from numpy import empty
 
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..filters import LowPass, MotionFilters
+from ..filters import MotionFilters
 from ..models.typical_motion import (
     TypicalMotion,
     felt_inertia,
@@ -82,8 +82,7 @@ class AdaptiveJacobian(TaskFeedback):
     @cached_property
     def filters(self) -> MotionFilters:
         """The task velocity, filtered."""
-        velocity = LowPass(self.lambda_, "lambda_")
-        return MotionFilters(velocity, velocity)
+        return MotionFilters(self.lambda_, self.lambda_)
 
     @classmethod
     def felt(cls, motion: TypicalMotion, dt: float) -> float | np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, get_origin, get_type_hints
 
@@ -11,12 +10,12 @@ import numpy as np
 from .._checks import instance, joint_numbers
 from ..exceptions import GainError, InputError, MeasurementError, RobotError
 from ..filters import Filters
-from ..models.typical_motion import TypicalMotion, joint_inertia
+from ..models.typical_motion import joint_inertia
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import JointTask
-from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
+from .law import Command, EstimatedModel, Law, Truth
 
 _STEP = 0.4  # of the motor's inertia over the period, at most
 
@@ -144,21 +143,12 @@ class FastFeedback(Law):
         """Return dV/dt of the law, where link and motor move alike."""
         return self.law.dissipation(s, truth)
 
-    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
-        """Return those of the law."""
-        return self.law.parameter_effects(motion)
-
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return that of the law, of the links."""
-        return self.law.feedback(motion)
-
-    def kinematic_loop(self) -> KinematicLoop | None:
-        """Return that of the law."""
-        return self.law.kinematic_loop()
-
 
 _STATED = [
     "bandwidth_share",
+    "parameter_effects",
+    "feedback",
+    "kinematic_loop",
     *(
         name
         for name, hint in get_type_hints(Law).items()

@@ -88,9 +88,9 @@ class EstimatedModel:
             DivergedError: M is not positive definite, as every mass matrix is; without
                 ``stop_on_divergence`` any regular M will do.
         """
-        if not self.stop_on_divergence:
-            return Drive(Y, np.linalg.solve(M, e.dot(J)))
         solution = e.dot(J)
+        if not self.stop_on_divergence:
+            return Drive(Y, np.linalg.solve(M, solution))
         if not kernels.solve_definite(M.copy(), solution):
             raise DivergedError(
                 "the estimated mass matrix is no longer positive definite, and this law inverts "
