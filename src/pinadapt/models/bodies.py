@@ -74,11 +74,7 @@ class BodyDynamics(Dynamics):
         super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """One unit a parameter."""
-        return UNITS * len(self.bodies)
+        self.units = UNITS * len(self.bodies)
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the ten parameters of each adapted body (N, p): those given."""

@@ -160,13 +160,12 @@ class DelayCompensator:
         task = kinematics.task
         x_hat, X_k = kinematics.at(q, x)
         b = task.position(x_hat) - task.position(x) - X_k.dot(kinematics.a_k)
-        X_smooth, b_smooth, turn = X_k, b, task.turn(x_hat, x)
-        if before is not None and math.isfinite(self.smoothing):
-            rest = math.exp(-self.smoothing * (t - before.t))
-            X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
-            b_smooth = rest * before.b_smooth + (1.0 - rest) * b
-            turn = task.turn_between(turn, before.turn, rest)
-        return Frame(t, X_k, b, X_smooth, b_smooth, turn)
+        if before is None or math.isinf(self.smoothing):
+            return Frame(t, X_k, b, X_k, b, task.turn(x_hat, x))
+        rest = math.exp(-self.smoothing * (t - before.t))
+        X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
+        b_smooth = rest * before.b_smooth + (1.0 - rest) * b
+        return Frame(t, X_k, b, X_smooth, b_smooth, task.turn(x_hat, x, before.turn, rest))
 
 
 def _at(history: History, t: float, kinematics: TaskKinematics) -> tuple[History, np.ndarray]:

@@ -53,15 +53,14 @@ class FramesKinematics(TaskKinematics):
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
         self.a_k = a_k
-        parts = self._parts
         for part, own in self._each(a_k):
             part.update(own, q, v)
-        self.J = self.task.joined([part.J for part in parts])
-        self.xd_hat = self.task.joined([part.xd_hat for part in parts])
-        self.Jdot_v = self.task.joined([part.Jdot_v for part in parts])
-        self.p_hat = np.concatenate([part.p_hat for part in parts])
-        self.X_k = self._blocks([part.X_k for part in parts])
-        self.Y_k = self._blocks([part.Y_k for part in parts])
+        self.J, self.xd_hat, self.Jdot_v, self.p_hat = (
+            self.task.joined([getattr(part, name) for part in self._parts])
+            for name in ("J", "xd_hat", "Jdot_v", "p_hat")
+        )
+        self.X_k = self._blocks([part.X_k for part in self._parts])
+        self.Y_k = self._blocks([part.Y_k for part in self._parts])
 
     def _each(self, a_k: np.ndarray) -> Iterable[tuple[FrameKinematics, np.ndarray]]:
         """Return the kinematics of each frame with its parameters among a_k (p)."""
@@ -69,11 +68,9 @@ class FramesKinematics(TaskKinematics):
 
     def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return rows of all frames, given the columns that the parameters of each have."""
-        k = len(parts)
-        (rows, p) = parts[0].shape
+        k, rows, p = np.shape(parts)
         wide = np.zeros((k, rows, k, p))
-        for i, part in enumerate(parts):
-            wide[i, :, i] = part
+        wide[range(k), :, range(k)] = parts  # of each frame the columns of its own parameters
         return self.task.joined(list(wide.reshape(k, rows, -1)))
 
     @property

@@ -64,8 +64,8 @@ class FramesTask(Task):
         )
 
     def parts(self, x: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield the coordinates, or the rows, of each frame."""
-        yield from parts_of(x, len(self.frames), self.part.positions)
+        """Return the coordinates, or the rows, of each frame."""
+        return parts_of(x, len(self.frames), self.part.positions)
 
     def joined(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return the coordinates, or the rows, of all frames, given those of each."""
@@ -75,7 +75,7 @@ class FramesTask(Task):
         """Return several arrays of all frames, given those of each."""
         return [self.joined(own) for own in zip(*found, strict=True)]
 
-    def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
+    def _each(self, call: Callable[..., Any], *given: np.ndarray) -> np.ndarray:
         """Return what a function makes of the parts of some coordinates or rows, joined."""
         return self.joined(list(map(call, *map(self.parts, given))))
 
@@ -97,28 +97,16 @@ class FramesTask(Task):
         """Return the error dx (m) of x from x_d."""
         return self._each(self.part.error, x, x_d)
 
-    def errors(
-        self,
-        x: np.ndarray,
-        x_d: np.ndarray,
-        xd: np.ndarray | None,
-        xd_hat: np.ndarray,
-        xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return dx, xd and delta, as of each frame; see ``Task.errors``."""
+    def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
+        """Return delta (m), as of each frame; None without rotations."""
         if self.size == self.positions:
-            return super().errors(x, x_d, xd, xd_hat, xd_d)
-        given = map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d))
-        dx, xd, delta = self._all(map(self.part.errors, *given))
-        return dx, xd, delta
+            return None
+        return self._each(self.part.drift, dx, xd_hat, xd_d)
 
-    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
+    def turn(self, x_hat: np.ndarray, x: np.ndarray, before: Any = None, share: float = 0.0) -> Any:
         """Return the rotation of each frame from the estimated to the measured orientation."""
-        return list(map(self.part.turn, self.parts(x_hat), self.parts(x)))
-
-    def turn_between(self, turn: Any, before: Any, share: float) -> Any:
-        """Return the rotation of each frame on the way from ``turn`` to ``before``."""
-        return [self.part.turn_between(*own, share) for own in zip(turn, before, strict=True)]
+        given = self.parts(x_hat), self.parts(x), before or [None] * len(self.frames)
+        return [self.part.turn(*own, share) for own in zip(*given, strict=True)]
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and rotations."""
