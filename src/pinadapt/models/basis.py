@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import ROUNDING, instance, numbers
@@ -41,11 +40,7 @@ class FittedDynamics(Dynamics):
 
         None has that of friction.
         """
-        model = robot.in_base_axes.model
-        data = model.createData()
-        tau = np.concatenate(
-            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
-        )
+        tau = self._of_bodies(robot, self._states)
         components = self._Q.T @ tau
         left = np.linalg.norm(tau - self._Q @ components)
         if robot.friction.present or left > ROUNDING * np.linalg.norm(tau):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -15,12 +14,7 @@ from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .regressor import (
-    LABELS,
-    PER_BODY,
-    UNITS,
-    inertial_parameters,
-)
+from .regressor import LABELS, PER_BODY, UNITS, inertial_parameters
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
 
@@ -70,8 +64,10 @@ class BodyDynamics(Dynamics):
         names = robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
-        known = None if own.all() else np.where(own, 0.0, pi)
-        super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
+        if own.all():
+            super().__init__(robot)
+        else:
+            super().__init__(robot, np.eye(pi.size)[:, own], np.where(own, 0.0, pi))
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
         self.units = UNITS * len(self.bodies)
@@ -93,10 +89,7 @@ class BodyDynamics(Dynamics):
                 where="learned",
                 hint='Adaptation "natural" keeps bodies physical; "gradient" does not.',
             )
-        model = nominal.model.copy()
-        for body, ten in zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
-        return replace(nominal, model=model)
+        return self._moving(nominal, a_d.reshape(-1, PER_BODY))
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) in which the body of each frame is the nominal one with the load.
@@ -128,7 +121,7 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
-COLUMNS = np.array([each.ravel() for each in COEFFICIENTS])  # the same with P row by row (16)
+COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # the same with P row by row (16)
 _FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 

@@ -174,8 +174,9 @@ def _at(history: History, t: float, kinematics: TaskKinematics) -> tuple[History
     At times before all samples it is that of the first one.
     """
     history = history[max(bisect_right(history, t, key=lambda sample: sample[0]) - 1, 0) :]
-    (t_0, q_0), (t_1, q_1) = history[0], history[min(1, len(history) - 1)]
-    if t <= t_0 + ROUNDING or t_1 == t_0:
+    (t_0, q_0), *later = history
+    if t <= t_0 + ROUNDING or not later:
         return history, q_0
+    t_1, q_1 = later[0]
     share = (t - t_0) / (t_1 - t_0)
     return history, pin.interpolate(kinematics.robot.model, q_0, q_1, share)

@@ -14,7 +14,7 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .inertial_model import InertialModel, VirtualChains
 from .joint_effects import JointEffects, without_joint_effects
-from .regressor import Momentum, inertial_parameters, random_states
+from .regressor import Momentum, State, inertial_parameters, random_states
 from .translations import Translation, place
 
 
@@ -141,14 +141,20 @@ class Dynamics:
 
         For columns of B of which each is one of the ten parameters of a body.
         """
-        model = robot.in_base_axes.model
-        a_d = self._reduce(inertial_parameters(model))
-        ((q, v, a),) = random_states(model, 1)
-        tau = pin.rnea(model, model.createData(), q, v, a)
-        ours = self._model(q, v, a).dot(self._expand(a_d)) + self._armature * a
-        off = np.abs(tau - ours).max()
+        a_d = self._reduce(inertial_parameters(robot.in_base_axes.model))
+        (state,) = states = random_states(robot.model, 1)
+        tau = self._of_bodies(robot, states)
+        off = np.abs(tau - self._model(*state).dot(self._expand(a_d))).max()
         same = not robot.friction.present and off <= 1e-9 * (1.0 + np.abs(tau).max())
         return a_d if same else None
+
+    def _of_bodies(self, robot: Robot, states: Sequence[State]) -> np.ndarray:
+        """Return the torques (N n) of a robot at N states, without the nominal rotors."""
+        model = robot.in_base_axes.model
+        data = model.createData()
+        return np.concatenate(
+            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in states]
+        )
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the parameters (N, p) of N robots like a given one; None if one of them has none.
@@ -160,15 +166,20 @@ class Dynamics:
         """
         found = []
         for ten, theta in zip(tens, lengths, strict=True):
-            model = robot.model.copy()
-            for body, parameters in zip(self.bodies, ten, strict=True):
-                model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(parameters)
-            place(model, robot.frame_id, self.translations, theta)
-            value = self.value(replace(robot, model=model))
+            other = self._moving(robot, ten)
+            place(other.model, robot.frame_id, self.translations, theta)
+            value = self.value(other)
             if value is None:
                 return None
             found.append(value)
         return np.array(found).reshape(-1, self.size)
+
+    def _moving(self, robot: Robot, tens: np.ndarray) -> Robot:
+        """Return a robot whose ``bodies`` have other parameters (b, 10)."""
+        model = robot.model.copy()
+        for body, ten in zip(self.bodies, tens, strict=True):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+        return replace(robot, model=model)
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the parameters a_d (p) in place of its own.

@@ -21,6 +21,7 @@ from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .inertial_model import InertialModel
+from .regressor import moves
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
 _UNITS = {
@@ -42,7 +43,7 @@ _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
-    """Return the kinds of coefficients that a user's words name, in the order of ``KINDS``.
+    """Return the kinds of coefficients that a user's words name.
 
     Args:
         unknown: "all" (armature, viscous and coulomb), "none", or some of ``KINDS``; also a kind of
@@ -56,7 +57,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for each in chosen:
         word(each.rpartition(".")[2], KINDS, "unknown.effects")
-    return tuple(sorted(chosen, key=lambda each: KINDS.index(each.rpartition(".")[2])))
+    return tuple(chosen)
 
 
 class JointEffects:
@@ -97,9 +98,9 @@ class JointEffects:
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
-        start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
-        start[_SIGNED:] = self.known[_SIGNED:]
-        self.initial, self.known[at] = start[at], 0.0
+        stated = (self.known[at] > 0.0) | (at[0] >= _SIGNED)
+        self.initial = np.where(stated, self.known[at], 0.1 * _all_shafts(robot, typical)[at])
+        self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
         shafts = np.concatenate([np.eye(self._n), friction.directions])
@@ -141,17 +142,11 @@ class JointEffects:
             Y_b: (n, p_b) regressor of the bodies.
             tau_b: (n) torque of the bodies.
         """
-        Y, tau = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n)
-        kernels.add_joint_effects(
-            values, *self.tables, v, a, self.loads(q), one, Y_b, tau_b, Y, tau
-        )
+        Y, tau, load = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n), self.zero
+        if self._bodies is not None:  # something depends on what the gears carry
+            load = np.abs(self._bodies.torque(q, self.zero, self.zero))
+        kernels.add_joint_effects(values, *self.tables, v, a, load, one, Y_b, tau_b, Y, tau)
         return Y, tau
-
-    def loads(self, q: np.ndarray) -> np.ndarray:
-        """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
-        if self._bodies is None:
-            return self.zero
-        return np.abs(self._bodies.torque(q, self.zero, self.zero))
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
@@ -242,8 +237,7 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
         v, a = _SPEED * rng.standard_normal((2, model.nv))
         torques.append(pin.rnea(model, data, q, v, a))
     own = np.sqrt(np.mean(np.square(torques), axis=0))
-    further = [np.array(list(joints)) - 1 for joints in list(model.subtrees)[1:]]
-    torque = np.array([own[joints].max() for joints in further])
+    torque = (own[:, None] * moves(model)[1:]).max(axis=0)
     inertia = np.diag(pin.crba(model, data, robot.q0))
     return np.array([0.5 * inertia, 0.1 * torque / _SPEED, 0.1 * torque])
 

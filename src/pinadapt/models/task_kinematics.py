@@ -30,7 +30,6 @@ class TaskKinematics(ABC):
         robot: the nominal robot, without its geometry.
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
-        frame: name of the task frame.
         nq, nv: sizes of configuration and velocity.
         names: one name a parameter.
         size: p.
@@ -76,7 +75,7 @@ class TaskKinematics(ABC):
     def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""
         self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
-        self.joint_names, self.frame = robot.joint_names, robot.frame
+        self.joint_names = robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.positions = task.positions
         self._still = np.zeros(self.nv)
@@ -151,11 +150,11 @@ class TaskKinematics(ABC):
         return self.robot
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:  # noqa: B027
-        """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
+        """Write the translations of an estimate a_k (p) [m], if it has any, into a model."""
 
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
-        return self.initial
+        return a_k
 
     def _know(self, robot: Robot, task: Task, unknown: Words) -> None:
         """Take a nominal robot and a task without parameters; ``unknown`` must be empty.

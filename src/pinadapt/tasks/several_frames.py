@@ -71,9 +71,12 @@ class FramesTask(Task):
         """Return the coordinates, or the rows, of all frames, given those of each."""
         return joined(parts, self.part.positions)
 
-    def _all(self, found: Iterable[Sequence[Any]]) -> list[np.ndarray]:
-        """Return several arrays of all frames, given those of each."""
-        return [self.joined(own) for own in zip(*found, strict=True)]
+    def _both(
+        self, found: Iterable[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return two arrays of all frames, given those of each."""
+        first, second = map(self.joined, zip(*found, strict=True))
+        return first, second
 
     def _each(self, call: Callable[..., Any], *given: np.ndarray) -> np.ndarray:
         """Return what a function makes of the parts of some coordinates or rows, joined."""
@@ -83,15 +86,13 @@ class FramesTask(Task):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
-        x, xd = self._all(self.part.motion(model, data, own, q, v) for own in self.ids)
-        return x, xd
+        return self._both(self.part.motion(model, data, own, q, v) for own in self.ids)
 
     def linear_map(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
-        x, J = self._all(self.part.linear_map(model, data, own, q) for own in self.ids)
-        return x, J
+        return self._both(self.part.linear_map(model, data, own, q) for own in self.ids)
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
