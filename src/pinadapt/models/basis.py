@@ -168,8 +168,8 @@ def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     1e-8 of the largest is zero.
     """
     sizes = np.linalg.norm(W, axis=0)
-    floor = ROUNDING * sizes.max(initial=0.0)
-    units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
+    felt = sizes > ROUNDING * sizes.max(initial=0.0)
+    units = felt * W / np.where(felt, sizes, 1.0)
     left = units.copy()
     chosen = []
     for j in range(len(sizes)):

@@ -97,13 +97,8 @@ class BodyDynamics(Dynamics):
         The estimate of that body is replaced, because it may contain the previous load.
         """
         described = self.value(after)
-        found = a_d.copy()
-        if described is None:
-            return None
-        for carrier in set(after.carriers) & set(self.bodies):
-            first = PER_BODY * self.bodies.index(carrier)
-            found[first : first + PER_BODY] = described[first : first + PER_BODY]
-        return found
+        loaded = np.repeat(np.isin(self.bodies, after.carriers), PER_BODY)
+        return None if described is None else np.where(loaded, described, a_d)
 
 
 # The pseudo-inertia of a body, a matrix linear in its ten parameters:

@@ -95,7 +95,7 @@ class JointEffects:
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
-        at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
+        at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
         stated = (self.known[at] > 0.0) | (at[0] >= _SIGNED)
@@ -106,12 +106,12 @@ class JointEffects:
         shafts = np.concatenate([np.eye(self._n), friction.directions])
         self.places = at
         self.tables = (columns, _shape(friction), shafts)
-        self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
+        self.names = tuple(pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
-        self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
+        self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
@@ -172,8 +172,8 @@ class JointEffects:
         return a_j if same and np.allclose(true, self.known) else None
 
 
-def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
-    """Return (kind, shaft) of each named coefficient, ordered by kind, then by shaft.
+def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> dict[str, tuple[int, int]]:
+    """Return name -> (kind, shaft) of each chosen coefficient, ordered by kind, then by shaft.
 
     A free base has none.
 
@@ -188,7 +188,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     }
     for each in words:
         word(each, (*KINDS, *every), "unknown.effects")
-    return [pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words]
+    return {name: pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words}
 
 
 def _shape(friction: Friction) -> np.ndarray:
@@ -213,7 +213,7 @@ def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
     friction = robot.friction
     joints = np.array([robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])])
-    shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
+    shafts = [[getattr(shaft, kind, 0.0) for kind in KINDS] for shaft in friction.shafts]
     return np.column_stack([joints, *shafts])
 
 

@@ -128,22 +128,25 @@ def columns_of_geometry(robot: Robot) -> Columns:
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
 
-    def displaced(
-        names: tuple[str, ...], joint: int, place: pin.SE3, axes: np.ndarray, off: np.ndarray
-    ) -> Columns:
-        motions = np.kron(np.eye(2), place.rotation) @ axes
-        joints, zeros, bounds = np.full(off.size, joint), np.zeros(off.size), BOUND * off * EITHER
-        return Columns(names, joints, motions, zeros, off / (OFF * robot.reach), bounds)
-
     (tool,), tip = unknown_translations(robot, TOOL), placement_of(model, robot.frame_id, None)
-    parts = [displaced(tool.labels, model.njoints, tip, np.eye(6)[:, :3], _TOOL * off[:3])]
+    parts = [(tool.labels, model.njoints, tip, np.eye(6)[:, :3], _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
         kept = (np.arange(6) % 3 != own % 3) | (joint == FIRST)
-        names, place = tuple(f"{name}.{label}" for label in labels[kept]), model.jointPlacements
+        names = tuple(f"{name}.{label}" for label in labels[kept])
         size = off[kept] * (_BASE if joint == FIRST else 1.0)
-        parts.append(displaced(names, joint, place[joint], axes[:, kept], size))
-    return stacked(parts)
+        parts.append((names, joint, model.jointPlacements[joint], axes[:, kept], size))
+    return stacked(
+        Columns(
+            names,
+            np.full(size.size, joint),
+            np.kron(np.eye(2), place.rotation) @ axes,
+            np.zeros(size.size),
+            size / (OFF * robot.reach),
+            BOUND * size * EITHER,
+        )
+        for names, joint, place, axes, size in parts
+    )
 
 
 class _ObservedChain:
@@ -199,13 +202,10 @@ class _ObservedChain:
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        rows, p = len(self.G), a.size
-        found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
-        X, Y = empty((rows, p)), empty((rows, p))
-        kernels.observed_motion(
-            *self._of_chain, v, a, *self._of_sensor, *self._filled, *found, X, Y
-        )
-        return *found, X, Y
+        m, shape = len(self.G), (len(self.G), a.size)
+        found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
+        kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
+        return found
 
     def rotations(self) -> list[np.ndarray]:
         """Return the rotation (3, 3) of each frame."""

@@ -371,10 +371,8 @@ def pinhole_camera(
         InputError: wrong sizes, a focal length that is not positive, or a target where the camera
             stands.
     """
-    eye, at = (
-        vector(given, 3, name, fills=False)
-        for given, name in ((position, "position"), (target, "target"))
-    )
+    eye = vector(position, 3, "position", fills=False)
+    at = vector(target, 3, "target", fills=False)
     (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
     f, away = positive(focal, "focal", error=InputError), float(np.linalg.norm(at - eye))
     if not away > 0.0:

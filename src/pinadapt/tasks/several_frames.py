@@ -35,9 +35,9 @@ class FramesTask(Task):
     @classmethod
     def of(cls, part: FrameTask, frames: Mapping[str, int]) -> FramesTask:
         """Return the task of frames, name -> index in the model, with the same coordinates each."""
-        own = np.array([[f"{frame}.{label}" for label in part.labels] for frame in frames])
-        labels = (*own[:, : part.positions].flat, *own[:, part.positions :].flat)
-        return cls(part.name, tuple(map(str, labels)), tuple(frames), tuple(frames.values()), part)
+        own = [np.array([f"{frame}.{label}" for label in part.labels]) for frame in frames]
+        labels = tuple(joined(own, part.positions).tolist())
+        return cls(part.name, labels, tuple(frames), tuple(frames.values()), part)
 
     @property
     def coordinates(self) -> int:
