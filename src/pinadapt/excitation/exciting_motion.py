@@ -103,7 +103,7 @@ def excite(
         duration,
         fine.information(states),
         dict(zip(dynamics.names, dynamics.units, strict=True)),
-        LimitUse(allowed, states),
+        LimitUse.of(allowed, states),
         len(fine.chosen),
         fine.gain(states)[0],
     )
@@ -299,6 +299,7 @@ class ExcitingMotion(Printed):
         )
 
 
+@dataclass(frozen=True, eq=False)
 class LimitUse:
     """The share of each limit that a motion uses; 1 is at the limit, 0 also stands for no limit.
 
@@ -312,18 +313,29 @@ class LimitUse:
             none was checked.
     """
 
-    def __init__(self, allowed: Allowance, states: States) -> None:
-        """Take an allowance, and the states of a motion."""
-        robot, shapes = allowed.robot, allowed.shapes
+    joints: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    load: float
+    apart: float
+
+    @classmethod
+    def of(cls, allowed: Allowance, states: States) -> LimitUse:
+        """Return the shares that the states of a motion use."""
+        robot = allowed.robot
         lower, upper = position_limits(robot.model)
         with np.errstate(invalid="ignore"):  # of joints without limits
             position = np.abs(2.0 * states.angles - lower - upper).max(axis=0) / (upper - lower)
         efforts = np.abs(allowed.torques(states)).max(axis=(0, 1))
-        self.joints, self.load = tuple(robot.joint_names), allowed.load
-        self.position = np.nan_to_num(position)
-        self.velocity = np.abs(states.v).max(axis=0) / velocity_limits(robot.model)
-        self.effort = efforts / effort_limits(robot.model)
-        self.apart = np.inf if shapes is None else float(shapes.distances(states.q).min())
+        return cls(
+            tuple(robot.joint_names),
+            np.nan_to_num(position),
+            np.abs(states.v).max(axis=0) / velocity_limits(robot.model),
+            efforts / effort_limits(robot.model),
+            allowed.load,
+            np.inf if allowed.shapes is None else float(allowed.shapes.distances(states.q).min()),
+        )
 
     def table(self) -> Table:
         """Return a row for each joint, in per cent of each limit."""

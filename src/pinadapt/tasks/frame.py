@@ -146,10 +146,7 @@ class PoseTask(FrameTask):
     phi^T phi / 2. If V(0) < k pi^2 / 2, the loop stays inside because V does not grow.
     """
 
-    @property
-    def coordinates(self) -> int:
-        """Seven: position and quaternion."""
-        return 7
+    coordinates = 7  # position and quaternion
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -291,20 +288,9 @@ class ComTask(PoseTask):
     model: pin.Model | None = field(default=None, compare=False, repr=False)
     frame: int = field(default=0, compare=False)
 
-    @property
-    def positions(self) -> int:
-        """Zero: no row is a position of the frame."""
-        return 0
-
-    @property
-    def lengths(self) -> int:
-        """Three: the centre of mass."""
-        return 3
-
-    @property
-    def place(self) -> slice:
-        """No row."""
-        return slice(0)
+    positions = 0  # no row is a position of the frame
+    lengths = 3  # the centre of mass
+    place = slice(0)
 
     @cached_property
     def levels(self) -> np.ndarray:

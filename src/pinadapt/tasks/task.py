@@ -191,6 +191,8 @@ class JointTask(Task):
     places: tuple[int, ...]
     dofs: tuple[int, ...]
 
+    positions = 0  # no row is a position of the frame
+
     @classmethod
     def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
         """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
@@ -200,11 +202,6 @@ class JointTask(Task):
             if chosen is None or chosen[joint.idx_v]
         ]
         return cls("joint", *zip(*rows, strict=True))
-
-    @property
-    def positions(self) -> int:
-        """Zero: no row is a position of the frame."""
-        return 0
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
