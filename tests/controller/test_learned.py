@@ -90,7 +90,7 @@ def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation)
     physical = around(dynamics, state.a_0)
     assert physical.divergence(kept) <= physical.divergence(state.a_d) + 1e-6
     excited = rollout.motion_torques().excited
-    open_ones = excited.root @ excited._eigen[2][:, excited.effects < 1e-7]
+    open_ones = excited.root @ excited._vectors[:, excited.effects < 1e-7]
     T, h = physical.local(kept)
     slopes = np.linalg.solve(T.T, h) @ open_ones  # of the distance, along what the torques leave
     assert open_ones.shape[1] > 3

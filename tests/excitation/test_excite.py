@@ -49,7 +49,7 @@ def search(name):
     robot = catalogue_robot(name)
     dynamics = nominal_dynamics(robot, pa.Unknown(bodies="payload"), ALL)
     basis = RestToRest(HARMONICS[name], 6.0, 16 * HARMONICS[name])
-    found = _Search(dynamics, Allowance.of(robot, None, None), basis)
+    found = _Search(dynamics, Allowance(robot, None, None), basis)
     theta = np.random.default_rng(1).standard_normal((robot.model.nv, basis.size))
     return found, found.inside(theta)
 

@@ -32,8 +32,8 @@ LEAST_DEPTH = 0.1  # of a camera, relative to that at home
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], i8[:], f8[:,:], f8[:], f8[:], f8[:,:,:], i8[:,:], "
-    "f8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:,:], "
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], i8[:,:], f8[:,:], f8[:], f8[:], f8[:,:,:], "
+    "i8[:,:], f8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:,:], "
     "f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:,:])",
     fills=11,
 )
@@ -42,7 +42,7 @@ def observed_motion(
     o: np.ndarray,
     S: np.ndarray,
     dS: np.ndarray,
-    parent: np.ndarray,
+    links: np.ndarray,
     columns: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
@@ -60,17 +60,18 @@ def observed_motion(
     X: np.ndarray,
     Y: np.ndarray,
 ) -> None:
-    """Write what the columns of a chain move the frame by, and what a sensor sees of it.
+    """Write what the columns of a chain move its frames by, and what a sensor sees of them.
 
     Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n) axes as motions at
     the world's origin, linear before angular, dS their rates at the velocity v (n). A column (s, w)
-    is a motion at the origin and in the axes of the joint ``parent`` that carries it, and moves the
-    frame at p by d = s + w x (p - o). A joint before it turns d; one behind it moves the frame by
-    some u, which changes d by w x u. Column 0 is the frame itself, s away from the last joint.
-    ``columns`` (9, 1 + p) has s, w, and what is subtracted from d.
+    is a motion at the origin and in the axes of the joint that carries it, and moves its frame at p
+    by d = s + w x (p - o). A joint before it turns d; another one moves the frame by some u, which
+    changes d by w x u. The first columns are the frames themselves, s away from their last joints.
+    ``columns`` (9, f + p) has s, w, and what is subtracted from d; ``links`` (f + p, 2 + n) the
+    joint that carries it, its frame, and whether each joint is before it.
 
     ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
-    a one, and for a pose three zeros whose rate is the angular velocity. y = N phi / z (m) with z =
+    a one, and for poses zeros whose rates are the angular velocities. y = N phi / z (m) with z =
     D phi. ``maps`` are N and D (m, k): ``constants``, which they contain, with a_j added at the
     ``entries`` (j, 0 for N or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column
     of the one; J = G dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the
@@ -82,39 +83,45 @@ def observed_motion(
         f, h = (i + 1) % 3, (i + 2) % 3
         return a[f] * b[h] - a[h] * b[f]
 
-    n, one, width = len(v), 3 * len(parent), maps.shape[2]
+    n, one, width = len(v), 3 * len(links), maps.shape[2]
     Phi, Phid = motion[0], motion[1]
-    turns, turn_rates, p, pd = S[3:], dS[3:], Phi[:3], Phid[:3]
+    turns, turn_rates = S[3:], dS[3:]
     w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
-    for j in range(len(parent)):
-        b, at = parent[j], slice(3 * j, 3 * j + 3)
+    for j in range(len(links)):
+        b, first, at, before = links[j, 0], 3 * links[j, 1], slice(3 * j, 3 * j + 3), links[j, 2:]
+        placed, p, pd = first == 3 * j, Phi[first : first + 3], Phid[first : first + 3]
         D, Dd = Phi[at], Phid[at]
         d, dd = D[:, n], Dd[:, n]
         for i in range(3):
-            d[i] = add_dot(o[b, i] if j == 0 else 0.0, R[b, i], columns[:3, j])
+            d[i] = add_dot(o[b, i] if placed else 0.0, R[b, i], columns[:3, j])
             w[i] = add_dot(0.0, R[b, i], columns[3:6, j])
-            lever[i] = p[i, n] - o[b, i] if j > 0 else 0.0
-            turning[i] = add_dot(0.0, turns[i, :b], v)
+            lever[i] = 0.0 if placed else p[i, n] - o[b, i]
+            turning[i] = 0.0
+            for t in range(b):
+                turning[i] += turns[i, t] * v[t] if before[t] else 0.0
         for i in range(3):
             d[i] += cross(w, lever, i)
             wd[i] = cross(turning, w, i)
         for t in range(n):
-            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
+            e, f = (turns[:, t], d) if before[t] else (w, p[:, t])
             for i in range(3):
-                D[i, t] = cross(e, f, i) + (S[i, t] if j == 0 else 0.0)
+                D[i, t] = cross(e, f, i) + (S[i, t] if placed and before[t] else 0.0)
         for i in range(3):
             dd[i] = add_dot(0.0, v, D[i])
         for t in range(n):
-            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
-            ed, fd = (turn_rates[:, t], dd) if t < b else (wd, pd[:, t])
+            e, f = (turns[:, t], d) if before[t] else (w, p[:, t])
+            ed, fd = (turn_rates[:, t], dd) if before[t] else (wd, pd[:, t])
             for i in range(3):
-                Dd[i, t] = cross(ed, f, i) + cross(e, fd, i) + (dS[i, t] if j == 0 else 0.0)
-    for j in range(len(parent)):
+                rate = dS[i, t] if placed and before[t] else 0.0
+                Dd[i, t] = cross(ed, f, i) + cross(e, fd, i) + rate
+    for j in range(len(links)):
         for i in range(3):
             Phi[3 * j + i, n] -= columns[i + 6, j]
     for c in range(one + 1, width):
+        j, i = (c - one - 1) // 3, (c - one - 1) % 3
         for t in range(n):
-            Phi[c, t], Phid[c, t] = turns[c - one - 1, t], turn_rates[c - one - 1, t]
+            Phi[c, t] = turns[i, t] if links[j, 2 + t] else 0.0
+            Phid[c, t] = turn_rates[i, t] if links[j, 2 + t] else 0.0
         Phid[c, n] = add_dot(0.0, v, Phi[c])
 
     for k in range(len(entries)):

@@ -149,7 +149,6 @@ class States(NamedTuple):
     a: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
 class Allowance:
     """The ranges of position, velocity and effort that a motion of the joints may use.
 
@@ -161,31 +160,19 @@ class Allowance:
         load: mass of the heaviest load that it may carry [kg].
         loaded: the model of the robot with this load.
         plane: that the robot is mounted on; None if it moves along the plane or starts behind it.
-        margin: smallest allowed distance from the plane [m].
+        margin: smallest allowed distance from the plane [m], if there is one.
         shapes: that must not touch; None without collision geometry.
     """
 
-    robot: Robot
-    low: np.ndarray
-    high: np.ndarray
-    speed: np.ndarray
-    effort: np.ndarray
-    load: float
-    loaded: pin.Model
-    plane: MountingPlane | None
-    margin: float
-    shapes: Shapes | None = None
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         robot: Robot,
         excursion: ArrayLike | None,
         load: float | None,
         shapes: Shapes | None = None,
         floor: float | None = None,
-    ) -> Allowance:
-        """Return the allowance of a robot.
+    ) -> None:
+        """Take what the description of a robot and its home allow.
 
         Args:
             robot: the nominal one.
@@ -198,15 +185,15 @@ class Allowance:
             InputError: an excursion or load that is not a positive number.
             RobotError: home is outside the limits, or the motors cannot hold the load there.
         """
-        model = robot.model
+        self.robot, self.shapes, model = robot, shapes, robot.model
         slides = np.array(list(robot.slides.values()))
         reach = np.where(slides, _SLIDE, _TURN)
         if excursion is not None:
             reach = joint_numbers(excursion, "excursion", model.nv, zero=False)
-        low, high = _range(robot, reach)
+        self.low, self.high = _range(robot, reach)
         fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
-        speed = np.minimum(SHARE * velocity_limits(model), fastest)
-        effort = SHARE * effort_limits(model)
+        self.speed = np.minimum(SHARE * velocity_limits(model), fastest)
+        self.effort = effort = SHARE * effort_limits(model)
         held, with_one = (
             pin.computeGeneralizedGravity(one, one.createData(), robot.q0)
             for one in (model, robot.changed(payload=Payload(1.0)).model)
@@ -215,8 +202,8 @@ class Allowance:
         if load is None:
             room = (effort - np.abs(held)) / np.maximum(np.abs(each), np.finfo(float).eps)
             load = max(min(LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
-        mass = positive(load, "load", zero=True)
-        loaded = robot.changed(payload=Payload(mass)).model if mass else model
+        self.load = mass = positive(load, "load", zero=True)
+        self.loaded = robot.changed(payload=Payload(mass)).model if mass else model
         needed = np.maximum(np.abs(held), np.abs(held + mass * each))
         if (needed >= effort).any():
             j = int(np.argmax(needed / effort))
@@ -234,9 +221,8 @@ class Allowance:
         distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
         if distance <= 0.0 and floor is not None and shapes is None:
             raise _below(robot.frame, distance, robot)
-        margin = min(MARGIN * robot.reach, max(0.5 * distance, 0.0))
-        kept = plane if distance > 0.0 else None
-        return cls(robot, low, high, speed, effort, mass, loaded, kept, margin, shapes)
+        self.plane = plane if distance > 0.0 else None
+        self.margin = min(MARGIN * robot.reach, 0.5 * distance)
 
     def torques(self, states: States) -> np.ndarray:
         """Return the torques (N, 2, n) of a motion without load and with the heaviest one."""

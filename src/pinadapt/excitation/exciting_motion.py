@@ -90,21 +90,22 @@ def excite(
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(robot, srdf, level)
-    allowed = Allowance.of(robot, excursion, load, shapes, level)
+    allowed = Allowance(robot, excursion, load, shapes, level)
     coarse, fine = (
         _Search(dynamics, allowed, RestToRest(harmonics, duration, count * harmonics))
         for count in (_PER_HARMONIC, _FINE)
     )
     steps = watched(range(_ITERATIONS), progress, "excite")
     theta = fine.inside(coarse.best(whole(seed, "seed", 0), steps))
+    states = fine.states(theta)
     return ExcitingMotion(
         fine.basis.series(robot.home_angles, theta),
         duration,
-        fine.information(theta),
+        fine.information(states),
         dict(zip(dynamics.names, dynamics.units, strict=True)),
-        LimitUse.of(allowed, fine.states(theta)),
+        LimitUse.of(allowed, states),
         len(fine.chosen),
-        fine.gain(fine.states(theta))[0],
+        fine.gain(states)[0],
     )
 
 
@@ -168,9 +169,9 @@ class _Search:
         changes = np.einsum("tij,ktij->kt", slope, others - W)
         return 0.5 * float(np.linalg.slogdet(information)[1]), changes
 
-    def information(self, theta: np.ndarray) -> Information:
-        """Return the information of a motion, one measurement in each block of time."""
-        W, rows = self._regressors(self.states(theta)), self.basis.period / BLOCK
+    def information(self, states: States) -> Information:
+        """Return the information of a motion's states, one measurement in each block of time."""
+        W, rows = self._regressors(states), self.basis.period / BLOCK
         own, noise = self._dynamics, self._noise * np.sqrt(len(W) / rows)
         return Information.of_rows(own.names, own.initial, W, 0.0 * W[:, :, 0], noise)
 

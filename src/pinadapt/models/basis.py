@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import ROUNDING, instance, numbers
@@ -41,11 +40,7 @@ class FittedDynamics(Dynamics):
 
         None has that of friction.
         """
-        model = robot.in_base_axes.model
-        data = model.createData()
-        tau = np.concatenate(
-            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
-        )
+        tau = self._of_bodies(robot, self._states)
         components = self._Q.T @ tau
         left = np.linalg.norm(tau - self._Q @ components)
         if robot.friction.present or left > ROUNDING * np.linalg.norm(tau):
@@ -173,8 +168,8 @@ def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     1e-8 of the largest is zero.
     """
     sizes = np.linalg.norm(W, axis=0)
-    floor = ROUNDING * sizes.max(initial=0.0)
-    units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
+    felt = sizes > ROUNDING * sizes.max(initial=0.0)
+    units = felt * W / np.where(felt, sizes, 1.0)
     left = units.copy()
     chosen = []
     for j in range(len(sizes)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -15,12 +14,7 @@ from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .regressor import (
-    LABELS,
-    PER_BODY,
-    UNITS,
-    inertial_parameters,
-)
+from .regressor import LABELS, PER_BODY, UNITS, inertial_parameters
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
 
@@ -70,15 +64,13 @@ class BodyDynamics(Dynamics):
         names = robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
-        known = None if own.all() else np.where(own, 0.0, pi)
-        super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
+        if own.all():
+            super().__init__(robot)
+        else:
+            super().__init__(robot, np.eye(pi.size)[:, own], np.where(own, 0.0, pi))
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """One unit a parameter."""
-        return UNITS * len(self.bodies)
+        self.units = UNITS * len(self.bodies)
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the ten parameters of each adapted body (N, p): those given."""
@@ -97,10 +89,7 @@ class BodyDynamics(Dynamics):
                 where="learned",
                 hint='Adaptation "natural" keeps bodies physical; "gradient" does not.',
             )
-        model = nominal.model.copy()
-        for body, ten in zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
-        return replace(nominal, model=model)
+        return self._moving(nominal, a_d.reshape(-1, PER_BODY))
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) in which the body of each frame is the nominal one with the load.
@@ -108,13 +97,8 @@ class BodyDynamics(Dynamics):
         The estimate of that body is replaced, because it may contain the previous load.
         """
         described = self.value(after)
-        found = a_d.copy()
-        if described is None:
-            return None
-        for carrier in set(after.carriers) & set(self.bodies):
-            first = PER_BODY * self.bodies.index(carrier)
-            found[first : first + PER_BODY] = described[first : first + PER_BODY]
-        return found
+        loaded = np.repeat(np.isin(self.bodies, after.carriers), PER_BODY)
+        return None if described is None else np.where(loaded, described, a_d)
 
 
 # The pseudo-inertia of a body, a matrix linear in its ten parameters:
@@ -132,7 +116,7 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
-COLUMNS = np.array([each.ravel() for each in COEFFICIENTS])  # the same with P row by row (16)
+COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # the same with P row by row (16)
 _FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 

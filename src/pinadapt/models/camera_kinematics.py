@@ -10,13 +10,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .linear_kinematics import BOUND
+from .linear_kinematics import BOUND, EITHER
 from .projected_kinematics import ProjectedKinematics
 from .translations import Words
 
@@ -27,6 +26,8 @@ _FAR = 100.0  # reaches: bounds of the picture at home, from a corner of the ima
 
 class CameraKinematics(ProjectedKinematics):
     """The estimated kinematics of a picture, y = N phi(q) / (D phi(q)).
+
+    A picture does not separate a translation from the camera's scale, so none is written or read.
 
     C. C. Cheah, C. Liu, J.-J. E. Slotine, *Adaptive Jacobian vision based control for robots with
     uncertain depth information*, Automatica 46 (2010) 1228-1233; H. Wang, *Adaptive visual tracking
@@ -49,7 +50,7 @@ class CameraKinematics(ProjectedKinematics):
         self.sizes = np.concatenate([self.sizes, np.tile(deep, self._below[0])])
         wide = BOUND * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
-        self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
+        self.bounds = self.initial + wide * EITHER
 
     def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""
@@ -74,10 +75,3 @@ class CameraKinematics(ProjectedKinematics):
             cameras[self._camera, places] = np.column_stack([rows[:, :3], translation])
         task = ImageTask.seen_by(self.task, list(cameras), self.task.pixel)
         return replace(self.robot, task=task)
-
-    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
-        """Write nothing: a picture does not separate a translation from the camera's scale."""
-
-    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
-        """Return the estimate a_k (p) itself."""
-        return a_k

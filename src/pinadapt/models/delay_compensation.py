@@ -160,13 +160,12 @@ class DelayCompensator:
         task = kinematics.task
         x_hat, X_k = kinematics.at(q, x)
         b = task.position(x_hat) - task.position(x) - X_k.dot(kinematics.a_k)
-        X_smooth, b_smooth, turn = X_k, b, task.turn(x_hat, x)
-        if before is not None and math.isfinite(self.smoothing):
-            rest = math.exp(-self.smoothing * (t - before.t))
-            X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
-            b_smooth = rest * before.b_smooth + (1.0 - rest) * b
-            turn = task.turn_between(turn, before.turn, rest)
-        return Frame(t, X_k, b, X_smooth, b_smooth, turn)
+        if before is None or math.isinf(self.smoothing):
+            return Frame(t, X_k, b, X_k, b, task.turn(x_hat, x))
+        rest = math.exp(-self.smoothing * (t - before.t))
+        X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
+        b_smooth = rest * before.b_smooth + (1.0 - rest) * b
+        return Frame(t, X_k, b, X_smooth, b_smooth, task.turn(x_hat, x, before.turn, rest))
 
 
 def _at(history: History, t: float, kinematics: TaskKinematics) -> tuple[History, np.ndarray]:
@@ -175,8 +174,9 @@ def _at(history: History, t: float, kinematics: TaskKinematics) -> tuple[History
     At times before all samples it is that of the first one.
     """
     history = history[max(bisect_right(history, t, key=lambda sample: sample[0]) - 1, 0) :]
-    (t_0, q_0), (t_1, q_1) = history[0], history[min(1, len(history) - 1)]
-    if t <= t_0 + ROUNDING or t_1 == t_0:
+    (t_0, q_0), *later = history
+    if t <= t_0 + ROUNDING or not later:
         return history, q_0
+    t_1, q_1 = later[0]
     share = (t - t_0) / (t_1 - t_0)
     return history, pin.interpolate(kinematics.robot.model, q_0, q_1, share)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .inertial_model import InertialModel, VirtualChains
 from .joint_effects import JointEffects, without_joint_effects
-from .regressor import Momentum, inertial_parameters, random_states
+from .regressor import Momentum, State, inertial_parameters, random_states
 from .translations import Translation, place
 
 
@@ -64,7 +65,7 @@ class Dynamics:
         self.B, self._known = B, known
         self.size = self._pi.size if B is None else B.shape[1]
 
-    @property
+    @cached_property
     def inertial(self) -> Dynamics:
         """The block of the inertial parameters: the dynamics of the robot without ``joints``."""
         return self
@@ -73,12 +74,12 @@ class Dynamics:
         """Return a robot without the effects that belong to the block ``joints``."""
         return robot
 
-    @property
+    @cached_property
     def typical(self) -> np.ndarray:
         """Typical values (p): ``initial``, but typical coefficients of the joints."""
         return self.initial
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """One unit a parameter, empty for combinations of parameters."""
         return ("",) * self.size
@@ -140,14 +141,20 @@ class Dynamics:
 
         For columns of B of which each is one of the ten parameters of a body.
         """
-        model = robot.in_base_axes.model
-        a_d = self._reduce(inertial_parameters(model))
-        ((q, v, a),) = random_states(model, 1)
-        tau = pin.rnea(model, model.createData(), q, v, a)
-        ours = self._model(q, v, a).dot(self._expand(a_d)) + self._armature * a
-        off = np.abs(tau - ours).max()
+        a_d = self._reduce(inertial_parameters(robot.in_base_axes.model))
+        (state,) = states = random_states(robot.model, 1)
+        tau = self._of_bodies(robot, states)
+        off = np.abs(tau - self._model(*state).dot(self._expand(a_d))).max()
         same = not robot.friction.present and off <= 1e-9 * (1.0 + np.abs(tau).max())
         return a_d if same else None
+
+    def _of_bodies(self, robot: Robot, states: Sequence[State]) -> np.ndarray:
+        """Return the torques (N n) of a robot at N states, without the nominal rotors."""
+        model = robot.in_base_axes.model
+        data = model.createData()
+        return np.concatenate(
+            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in states]
+        )
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the parameters (N, p) of N robots like a given one; None if one of them has none.
@@ -159,15 +166,20 @@ class Dynamics:
         """
         found = []
         for ten, theta in zip(tens, lengths, strict=True):
-            model = robot.model.copy()
-            for body, parameters in zip(self.bodies, ten, strict=True):
-                model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(parameters)
-            place(model, robot.frame_id, self.translations, theta)
-            value = self.value(replace(robot, model=model))
+            other = self._moving(robot, ten)
+            place(other.model, robot.frame_id, self.translations, theta)
+            value = self.value(other)
             if value is None:
                 return None
             found.append(value)
         return np.array(found).reshape(-1, self.size)
+
+    def _moving(self, robot: Robot, tens: np.ndarray) -> Robot:
+        """Return a robot whose ``bodies`` have other parameters (b, 10)."""
+        model = robot.model.copy()
+        for body, ten in zip(self.bodies, tens, strict=True):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+        return replace(robot, model=model)
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the parameters a_d (p) in place of its own.
@@ -210,10 +222,12 @@ class StackedDynamics(Dynamics):
 
     def __init__(self, inertial: Dynamics, joints: JointEffects) -> None:
         """Stack the two blocks, made for the same chain."""
-        self._inertial, self.joints = inertial, joints
+        self.inertial, self.joints = inertial, joints
         self.names = (*inertial.names, *joints.names)
+        self.units = (*inertial.units, *joints.units)
         self.size = inertial.size + joints.size
         self.initial = np.concatenate([inertial.initial, joints.initial])
+        self.typical = np.concatenate([inertial.typical, joints.typical])
         self.bodies, self.per_body = inertial.bodies, inertial.per_body
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
@@ -223,58 +237,43 @@ class StackedDynamics(Dynamics):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: the loaded estimate is scratch, which is written."""
-        return type(self), (self._inertial, self.joints)
-
-    @property
-    def inertial(self) -> Dynamics:
-        """The block of the inertial parameters: the dynamics without rotors and friction."""
-        return self._inertial
+        return type(self), (self.inertial, self.joints)
 
     def bare(self, robot: Robot) -> Robot:
         """Return a robot without rotors and friction."""
         return without_joint_effects(robot)
 
-    @property
-    def typical(self) -> np.ndarray:
-        """Typical values (p) of both blocks."""
-        return np.concatenate([self._inertial.typical, self.joints.typical])
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """One unit a parameter."""
-        return (*self._inertial.units, *self.joints.units)
-
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
         if a_d.shape != (self.size,):
             raise ParameterError(f"expected {self.size} numbers, got {a_d.shape}.", where="a_d")
-        size = self._inertial.size
+        size = self.inertial.size
         self._values.put(self._places, a_d[size:])
-        self._inertial.load(a_d[:size])
+        self.inertial.load(a_d[:size])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
         joints = self.joints
-        tau = self._inertial.torque(q, v, a)
+        tau = self.inertial.torque(q, v, a)
         return joints.added(self._values, q, v, a, 1.0, joints.nothing, tau)[1]
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        M = self._inertial.mass_matrix(q)
+        M = self.inertial.mass_matrix(q)
         M += (self._shafts.T * self._values[0]).dot(self._shafts)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
         joints = self.joints
-        Y = self._inertial.regressor(q, v, a)
+        Y = self.inertial.regressor(q, v, a)
         return joints.added(joints.known, q, v, a, 1.0, Y, joints.zero)[0]
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
-        Y, tau = self._inertial.slotine_li(q, v, v_r, a_r)
+        Y, tau = self.inertial.slotine_li(q, v, v_r, a_r)
         return self.joints.added(self._values, q, v_r, a_r, 1.0, Y, tau)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
@@ -282,7 +281,7 @@ class StackedDynamics(Dynamics):
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        Y_M, Y_0, p_0, tau_0 = self._inertial.momentum(q, v)
+        Y_M, Y_0, p_0, tau_0 = self.inertial.momentum(q, v)
         joints, known, zero = self.joints, self.joints.known, self.joints.zero
         Y_M, p_0 = joints.added(known, q, zero, v, 0.0, Y_M, p_0)
         Y_0, tau_0 = joints.added(known, q, v, zero, 1.0, Y_0, tau_0)
@@ -290,7 +289,7 @@ class StackedDynamics(Dynamics):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""
-        inertial, joints = self._inertial.value(self.bare(robot)), self.joints.value(robot)
+        inertial, joints = self.inertial.value(self.bare(robot)), self.joints.value(robot)
         return None if inertial is None or joints is None else np.concatenate([inertial, joints])
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
@@ -299,11 +298,11 @@ class StackedDynamics(Dynamics):
         Raises:
             ParameterError: as the inertial block.
         """
-        size = self._inertial.size
-        return self.joints.robot(a_d[size:], self._inertial.robot(a_d[:size], nominal))
+        size = self.inertial.size
+        return self.joints.robot(a_d[size:], self.inertial.robot(a_d[:size], nominal))
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) after an announced change of load; that of the joints stays."""
-        size = self._inertial.size
-        inertial = self._inertial.with_load(a_d[:size], self.bare(before), self.bare(after))
+        size = self.inertial.size
+        inertial = self.inertial.with_load(a_d[:size], self.bare(before), self.bare(after))
         return None if inertial is None else np.concatenate([inertial, a_d[size:]])

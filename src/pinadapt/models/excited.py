@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -70,7 +69,6 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@dataclass(frozen=True, eq=False)
 class Excited:
     """What a motion excites of p dynamic parameters.
 
@@ -79,57 +77,28 @@ class Excited:
         squares: (p, p) A^T A, da^T A^T A da the mean squared change of the torques in shares of
             their size.
         root: (p, p) L, as far as parameters may be off.
+        effects: share (p) by which each independent combination may change the torques, descending.
+        rank: number of combinations that are identifiable in practice.
+        combinations: (r, p) the identifiable ones C: z = C da, |z| = 1 as far as one may be off.
+        rows: A (p, p) up to a rotation: |A da| is the change of the torques, in shares of them.
+        still: whether the motion does not excite a parameter (p). It then changes the torques by
+            less than one per cent if it alone is as far off as it may be, whatever the others are.
+        alone: whether the motion identifies a parameter (p) by itself, whatever the others are.
+            More than three quarters of its variance are then in the identifiable combinations.
     """
 
-    names: tuple[str, ...]
-    squares: np.ndarray
-    root: np.ndarray
-
-    @cached_property
-    def _eigen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Effects (p), descending; the combinations (p, p), whose inverse is L times the last."""
-        values, vectors = np.linalg.eigh(self.root.T @ self.squares @ self.root)
-        values, vectors = np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1]
-        return values, np.linalg.solve(self.root.T, vectors).T, vectors
-
-    @property
-    def effects(self) -> np.ndarray:
-        """Share (p) by which each independent combination may change the torques, descending."""
-        return self._eigen[0]
-
-    @property
-    def rank(self) -> int:
-        """Number of combinations that are identifiable in practice."""
-        return int(np.count_nonzero(self.effects > TOLD_APART))
-
-    @cached_property
-    def still(self) -> np.ndarray:
-        """Whether the motion does not excite a parameter (p).
-
-        It then changes the torques by less than one per cent if it alone is as far off as it may
-        be, whatever the others are.
-        """
-        alone = np.sum(self.root**2, axis=1) * np.diag(self.squares)
-        return alone < TOLD_APART**2
-
-    @cached_property
-    def alone(self) -> np.ndarray:
-        """Whether the motion identifies a parameter (p) by itself, whatever the others are.
-
-        More than three quarters of its variance are then in the identifiable combinations.
-        """
-        rest = self.root @ self._eigen[2][:, self.rank :]
-        return np.sum(rest**2, axis=1) < 0.25 * np.sum(self.root**2, axis=1)
-
-    @cached_property
-    def combinations(self) -> np.ndarray:
-        """The identifiable combinations C (r, p): z = C da, |z| = 1 as far as one may be off."""
-        return self._eigen[1][: self.rank]
-
-    @cached_property
-    def rows(self) -> np.ndarray:
-        """A (p, p) up to a rotation: |A da| is the change of the torques, in shares of them."""
-        return self._eigen[0][:, None] * self._eigen[1]
+    def __init__(self, names: tuple[str, ...], squares: np.ndarray, root: np.ndarray) -> None:
+        """Take the names of the parameters, A^T A, and L."""
+        self.names, self.squares, self.root = names, squares, root
+        values, vectors = np.linalg.eigh(root.T @ squares @ root)
+        self.effects = np.sqrt(np.maximum(values[::-1], 0.0))
+        self._vectors = vectors = vectors[:, ::-1]
+        self.rank = rank = int(np.count_nonzero(self.effects > TOLD_APART))
+        every = np.linalg.solve(root.T, vectors).T
+        self.combinations, self.rows = every[:rank], self.effects[:, None] * every
+        variances, rest = np.sum(root**2, axis=1), root @ vectors[:, rank:]
+        self.still = variances * np.diag(squares) < TOLD_APART**2
+        self.alone = np.sum(rest**2, axis=1) < 0.25 * variances
 
     def distance(self, a: np.ndarray, truth: np.ndarray) -> float:
         """Return how far the identifiable combinations of a (p) are off: |C (a - truth)|."""
@@ -145,7 +114,8 @@ def scales(dynamics: Dynamics, a: np.ndarray) -> np.ndarray:
     typical = np.abs(dynamics.typical)
     size = dynamics.inertial.size
     typical = np.maximum(typical, LEAST * typical.max(initial=0.0) or 1.0)
-    L = np.diag(np.concatenate([UNCERTAINTY * typical[:size], typical[size:]]))
+    typical[:size] *= UNCERTAINTY
+    L = np.diag(typical)
     if dynamics.per_body:
         bodies = around(dynamics, a)
         L[:size, :size] = UNCERTAINTY * bodies.local(bodies.center)[0][:size, :size]

@@ -40,32 +40,31 @@ class InertialModel(Regressor):
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies; they must not change until others are set."""
         self._pi = pi
-        self._written = False
+        self._c: float | None = None
 
-    def _write(self) -> None:
-        """Write the parameters into the model, before a torque or a mass matrix is computed."""
-        self._c = kernels.take(self._pi, self._tens)
-        inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
-        for joint, ten in self._bodies:
-            inertias[joint] = from_ten(ten)
-        self._written = True
+    def _written(self) -> float:
+        """Return c, with the parameters in the model: for a torque or a mass matrix."""
+        if self._c is None:
+            self._c = kernels.take(self._pi, self._tens)
+            inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
+            for joint, ten in self._bodies:
+                inertias[joint] = from_ten(ten)
+        return self._c
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], rotors included."""
-        if not self._written:
-            self._write()
+        c = self._written()
         tau = pin.rnea(self._model, self._data, q, v, a)
-        if self._c:
-            tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
+        if c:
+            tau -= c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
         return tau
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        if not self._written:
-            self._write()
+        c = self._written()
         M = pin.crba(self._model, self._data, q)
-        if self._c:
-            M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
+        if c:
+            M = M - c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M
 
 
@@ -73,21 +72,22 @@ class VirtualChains:
     """Torque, mass matrix and regressors of virtual chains together, in the parameters a (p)."""
 
     def __init__(
-        self, models: Sequence[pin.Model], columns: Sequence[np.ndarray], armature: np.ndarray
+        self, models: Sequence[pin.Model], columns: Sequence[int], armature: np.ndarray
     ) -> None:
-        """Use chains without rotors, the columns of each that count, and the rotors (n)."""
+        """Use k chains without rotors, the rotors (n), and which of 10 n k columns count.
+
+        The columns (p) are those of the chains' regressors side by side.
+        """
         self._chains = [InertialModel(model) for model in models]
         self._columns, self._armature = columns, armature
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
         self._a_d = a_d
-        first = 0
-        for chain, own in zip(self._chains, self._columns, strict=True):
-            pi = np.zeros(PER_BODY * self._armature.size)
-            pi[own] = a_d[first : first + own.size]
-            chain.load(pi)
-            first += own.size
+        pi = np.zeros((len(self._chains), PER_BODY * self._armature.size))
+        pi.put(self._columns, a_d)
+        for chain, own in zip(self._chains, pi, strict=True):
+            chain.load(own)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
@@ -114,6 +114,4 @@ class VirtualChains:
 
     def _of_base(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return the base's columns (n, p) of the chains' regressors (n, 10 n)."""
-        return np.concatenate(
-            [Y[:, own] for Y, own in zip(parts, self._columns, strict=True)], axis=1
-        )
+        return np.hstack(parts)[:, self._columns]

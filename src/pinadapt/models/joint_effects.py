@@ -21,6 +21,7 @@ from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .inertial_model import InertialModel
+from .regressor import moves
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
 _UNITS = {
@@ -42,7 +43,7 @@ _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
-    """Return the kinds of coefficients that a user's words name, in the order of ``KINDS``.
+    """Return the kinds of coefficients that a user's words name.
 
     Args:
         unknown: "all" (armature, viscous and coulomb), "none", or some of ``KINDS``; also a kind of
@@ -56,7 +57,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for each in chosen:
         word(each.rpartition(".")[2], KINDS, "unknown.effects")
-    return tuple(sorted(chosen, key=lambda each: KINDS.index(each.rpartition(".")[2])))
+    return tuple(chosen)
 
 
 class JointEffects:
@@ -94,23 +95,23 @@ class JointEffects:
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
-        at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
+        at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
-        start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
-        start[_SIGNED:] = self.known[_SIGNED:]
-        self.initial, self.known[at] = start[at], 0.0
+        stated = (self.known[at] > 0.0) | (at[0] >= _SIGNED)
+        self.initial = np.where(stated, self.known[at], 0.1 * _all_shafts(robot, typical)[at])
+        self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
         shafts = np.concatenate([np.eye(self._n), friction.directions])
         self.places = at
         self.tables = (columns, _shape(friction), shafts)
-        self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
+        self.names = tuple(pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
-        self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
+        self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
@@ -141,17 +142,11 @@ class JointEffects:
             Y_b: (n, p_b) regressor of the bodies.
             tau_b: (n) torque of the bodies.
         """
-        Y, tau = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n)
-        kernels.add_joint_effects(
-            values, *self.tables, v, a, self.loads(q), one, Y_b, tau_b, Y, tau
-        )
+        Y, tau, load = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n), self.zero
+        if self._bodies is not None:  # something depends on what the gears carry
+            load = np.abs(self._bodies.torque(q, self.zero, self.zero))
+        kernels.add_joint_effects(values, *self.tables, v, a, load, one, Y_b, tau_b, Y, tau)
         return Y, tau
-
-    def loads(self, q: np.ndarray) -> np.ndarray:
-        """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
-        if self._bodies is None:
-            return self.zero
-        return np.abs(self._bodies.torque(q, self.zero, self.zero))
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
@@ -177,8 +172,8 @@ class JointEffects:
         return a_j if same and np.allclose(true, self.known) else None
 
 
-def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
-    """Return (kind, shaft) of each named coefficient, ordered by kind, then by shaft.
+def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> dict[str, tuple[int, int]]:
+    """Return name -> (kind, shaft) of each chosen coefficient, ordered by kind, then by shaft.
 
     A free base has none.
 
@@ -193,7 +188,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     }
     for each in words:
         word(each, (*KINDS, *every), "unknown.effects")
-    return [pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words]
+    return {name: pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words}
 
 
 def _shape(friction: Friction) -> np.ndarray:
@@ -218,7 +213,7 @@ def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
     friction = robot.friction
     joints = np.array([robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])])
-    shafts = [[s.armature, s.viscous, s.coulomb, 0.0, 0.0, 0.0] for s in friction.shafts]
+    shafts = [[getattr(shaft, kind, 0.0) for kind in KINDS] for shaft in friction.shafts]
     return np.column_stack([joints, *shafts])
 
 
@@ -242,8 +237,7 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
         v, a = _SPEED * rng.standard_normal((2, model.nv))
         torques.append(pin.rnea(model, data, q, v, a))
     own = np.sqrt(np.mean(np.square(torques), axis=0))
-    further = [np.array(list(joints)) - 1 for joints in list(model.subtrees)[1:]]
-    torque = np.array([own[joints].max() for joints in further])
+    torque = (own[:, None] * moves(model)[1:]).max(axis=0)
     inertia = np.diag(pin.crba(model, data, robot.q0))
     return np.array([0.5 * inertia, 0.1 * torque / _SPEED, 0.1 * torque])
 

@@ -19,8 +19,8 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,12 +28,12 @@ from numpy import empty
 
 from .._checks import ROUNDING
 from .._kernels import models as kernels
-from ..description.chain import is_slide
+from ..description.chain import frame_id, is_slide
 from ..description.urdf_writer import axis_of
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask, PositionTask, quaternion
-from .regressor import SAMPLES, live_array, random_states
+from ..tasks.frame import PositionTask, quaternion
+from .regressor import SAMPLES, live_array, moves, random_states
 from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
@@ -52,6 +52,8 @@ OFF = 0.1  # of the reach: how far off what has the size of one may be
 BOUND = 10.0  # bounds: of the sizes of displacements and of cameras, of the reach for the base, and
 # of a nominal length, whose shortest is the inverse
 _WIDE = 0.5  # of the reach: bounds of a translation, but of the base
+_WORLD = np.eye(3)
+EITHER = np.array([[-1.0], [1.0]])  # way: bounds (2, p) of sizes (p)
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
@@ -70,13 +72,13 @@ def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
     return np.kron(np.eye(2), basis), k if is_slide(model.joints[joint]) else 3 + k
 
 
-@dataclass(frozen=True, eq=False)
-class Columns:
+class Columns(NamedTuple):
     """Unknown displacements of placements, the parameters of the kinematics.
 
     Attributes:
         names: one name a parameter (p).
-        joints: (p) the joint whose placement each displaces; of the tool the number of the joints.
+        joints: (p) the joint whose placement each displaces; of the tool of frame k the number of
+            the joints plus k.
         motions: (6, p) shift and turn about the origin of what is placed, in the axes of the joint
             before it.
         initial: (p) the values as described.
@@ -92,31 +94,27 @@ class Columns:
     bounds: np.ndarray
 
 
-def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -> Columns:
-    """Return the columns of unknown translations, whose values are the translations themselves.
+def stacked(parts: Iterable[Columns]) -> Columns:
+    """Return the columns of some placements, one placement after the other."""
+    no, none = np.zeros(0, dtype=np.int64), np.zeros(0)
+    empty_one = Columns((), no, np.zeros((6, 0)), none, none, np.zeros((2, 0)))
+    names, *arrays = zip(empty_one, *parts, strict=True)
+    return Columns(sum(names, ()), *(np.concatenate(each, axis=-1) for each in arrays))
+
+
+def translated(robot: Robot, translations: Sequence[Translation]) -> Iterator[Columns]:
+    """Yield the columns of unknown translations, whose values are the translations themselves.
 
     By default a length lies between a tenth and ten times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
-    sizes = [part.size for part in translations]
-    joints = [part.joint or robot.model.njoints for part in translations]
-    margins = [BOUND if part.joint == FIRST else _WIDE for part in translations]
-    initial = np.concatenate(
-        [np.zeros(0), *placed_values(robot.model, robot.frame_id, translations)]
-    )
-    shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
-    return Columns(
-        tuple(label for part in translations for label in part.labels),
-        np.repeat(joints, sizes).astype(np.int64),
-        np.concatenate([shifts, np.zeros(shifts.shape)]),
-        initial,
-        np.ones(initial.size),
-        np.where(
-            np.repeat(np.equal(sizes, 1), sizes),
-            np.outer([1.0 / BOUND, BOUND], initial),
-            initial + np.outer([-robot.reach, robot.reach], np.repeat(margins, sizes)),
-        ),
-    )
+    values = placed_values(robot.model, robot.frame_id, translations)
+    for part, value in zip(translations, values, strict=True):
+        motions = np.concatenate([part.directions, np.zeros((3, part.size))])
+        wide = robot.reach * (BOUND if part.joint == FIRST else _WIDE)
+        bounds = np.outer([1.0 / BOUND, BOUND], value) if part.size == 1 else value + EITHER * wide
+        joints = np.full(part.size, part.joint or robot.model.njoints)
+        yield Columns(part.labels, joints, motions, value, np.ones(part.size), bounds)
 
 
 def columns_of_geometry(robot: Robot) -> Columns:
@@ -129,32 +127,34 @@ def columns_of_geometry(robot: Robot) -> Columns:
     model = robot.model
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
-    tip = placement_of(model, robot.frame_id, None).rotation
-    motions = np.concatenate([tip, np.zeros((3, 3))])
-    parts = [(unknown_translations(robot, [TOOL])[0].labels, motions, _TOOL * off[:3])]
+
+    (tool,), tip = unknown_translations(robot, TOOL), placement_of(model, robot.frame_id, None)
+    parts = [(tool.labels, model.njoints, tip, np.eye(6)[:, :3], _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
         kept = (np.arange(6) % 3 != own % 3) | (joint == FIRST)
-        motions = np.kron(np.eye(2), model.jointPlacements[joint].rotation) @ axes[:, kept]
+        names = tuple(f"{name}.{label}" for label in labels[kept])
         size = off[kept] * (_BASE if joint == FIRST else 1.0)
-        parts.append((tuple(f"{name}.{label}" for label in labels[kept]), motions, size))
-    names, moves, sizes = zip(*parts, strict=True)
-    deviations = np.concatenate(sizes)
-    return Columns(
-        sum(names, ()),
-        np.repeat([model.njoints, *range(1, model.njoints)], list(map(len, names))),
-        np.concatenate(moves, axis=1),
-        np.zeros(deviations.size),
-        deviations / (OFF * robot.reach),
-        BOUND * deviations * np.array([[-1.0], [1.0]]),
+        parts.append((names, joint, model.jointPlacements[joint], axes[:, kept], size))
+    return stacked(
+        Columns(
+            names,
+            np.full(size.size, joint),
+            np.kron(np.eye(2), place.rotation) @ axes,
+            np.zeros(size.size),
+            size / (OFF * robot.reach),
+            BOUND * size * EITHER,
+        )
+        for names, joint, place, axes, size in parts
     )
 
 
 class _ObservedChain:
-    """A chain whose frame a sensor observes, with what the kernel ``observed_motion`` fills.
+    """A chain whose frames a sensor observes, with what the kernel ``observed_motion`` fills.
 
     Attributes:
-        columns: (9, 1 + p) for the kernel; the last three rows are the phi at home.
+        frames: their f indices in the model.
+        columns: (9, f + p) for the kernel; the last three rows are the phi at home.
         motion: (2, k, n + 1) dphi/dq and phi, and their rates.
         maps: (2, rows, k) N and D.
         G, z: (rows, k) (N - y D) / z but for the column of the one, which is z (rows).
@@ -162,28 +162,34 @@ class _ObservedChain:
     """
 
     def __init__(
-        self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
+        self,
+        model: pin.Model,
+        frames: Sequence[int],
+        columns: Columns,
+        constants: np.ndarray,
+        entries: np.ndarray,
     ) -> None:
-        """Use a nominal robot, its columns, and a map as the kernel takes it."""
-        self._model = robot.model.copy()
-        self._frame = robot.frame_id
+        """Use a nominal model, its frames, its columns, and a map as the kernel takes it."""
+        self._model, self.frames = model.copy(), frames
         self._data = data = self._model.createData()
-        places = [*self._model.jointPlacements[1:], placement_of(self._model, self._frame, None)]
+        ends, f = [model.frames[frame] for frame in frames], len(frames)
+        places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
-        moves = columns.motions.copy()
-        moves[:3] += np.cross(origins[columns.joints - 1], moves[3:].T).T
-        self.columns = np.zeros((9, 1 + len(columns.names)))
-        self.columns[:3, 0], self.columns[:6, 1:] = origins[-1], moves
-        n, (_, rows, width) = self._model.nv, constants.shape
-        carrier = self._model.frames[self._frame].parentJoint
-        parents = np.append(self._model.parents, carrier)  # of the tool, which counts as a joint
-        self._axes = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        self._others = np.setdiff1d(np.arange(n), np.array(self._model.supports[carrier]) - 1)
+        motions = columns.motions.copy()
+        motions[:3] += np.cross(origins[columns.joints - 1], motions[3:].T).T
+        self.columns = np.zeros((9, f + len(columns.names)))
+        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, motions
+        n, (_, rows, width) = model.nv, constants.shape
+        joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
+        parents = np.append(model.parents, [end.parentJoint for end in ends])[joints]
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
             live_array([placement.translation for placement in data.oMi]),
-            *self._axes,
-            np.append(carrier, parents[columns.joints]).astype(np.int64),
+            data.J.reshape(6, n),
+            data.dJ.reshape(6, n),
+            np.column_stack(
+                [parents, np.maximum(joints - model.njoints, 0), moves(model)[parents]]
+            ),
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
@@ -196,24 +202,19 @@ class _ObservedChain:
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        if self._others.size:  # the axes of other branches count as zero
-            for axes in self._axes:
-                axes[:, self._others] = 0.0
-        rows, p = len(self.G), a.size
-        found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
-        X, Y = empty((rows, p)), empty((rows, p))
-        kernels.observed_motion(
-            *self._of_chain, v, a, *self._of_sensor, *self._filled, *found, X, Y
-        )
-        return *found, X, Y
+        m, shape = len(self.G), (len(self.G), a.size)
+        found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
+        kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
+        return found
 
-    def rotation(self) -> np.ndarray:
-        """Return the rotation (3, 3) of the frame."""
-        return pin.updateFramePlacement(self._model, self._data, self._frame).rotation
+    def rotations(self) -> list[np.ndarray]:
+        """Return the rotation (3, 3) of each frame."""
+        of = self._model, self._data
+        return [pin.updateFramePlacement(*of, frame).rotation for frame in self.frames]
 
 
 class LinearKinematics(TaskKinematics):
-    """The estimated coordinates y = N phi(q) / (D phi(q)) of the task frame.
+    """The estimated coordinates y = N phi(q) / (D phi(q)) of the task frame, or frames.
 
     J = (N - y_hat D) Phi / z_hat is the exact Jacobian of the estimated coordinates, where dphi/dt
     = Phi v and z_hat = D phi; ``Y_k`` is for y_hat and z_hat as they are. The rotation rows of a
@@ -221,28 +222,26 @@ class LinearKinematics(TaskKinematics):
     columns of N.
     """
 
-    task: FrameTask
-
-    def _observe(self, columns: Columns, constants: np.ndarray, places: np.ndarray) -> None:
+    def _observe(self, columns: Columns, N: np.ndarray, entries: np.ndarray) -> None:
         """Take the columns, and a map whose entries are parameters, beside constants.
 
         Args:
             columns: of the nominal robot.
-            constants: (2, m_p, 4 + 3 k) of N and D.
-            places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
+            N: (m_p, 1 + 3 f + 3 k) its constants, of f frames and k columns; those of D are a one.
+            entries: (K, 4) a parameter, 0 for N or 1 for D, and the row and column that it adds to.
         """
-        _, m, width = constants.shape
+        (m, width), model = N.shape, self.robot.model
         self.columns = columns
-        self._of_pose = self.task.size > m
-        if self._of_pose:  # the rotation in N once more, for the angular velocity
-            wider = (0, 0), (0, m), (0, 3)
-            constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
-            constants[0, m:, width:], constants[1, m:, width - 1] = constants[0, :m, :3], 1.0
-            places[0, m:, width:] = places[0, :m, :3]
-        at = np.nonzero(places >= 0)
-        self._entries = np.column_stack([places[at], *at])
+        frames = [frame_id(model, name) for name in self.robot.frames]
+        turning = self.task.size - m  # rows of rotations, that in N once more
+        self._of_pose = turning > 0
+        constants = np.zeros((2, m + turning, width + turning))
+        constants[0, :m, :width], constants[1, :, width - 1] = N, 1.0
+        constants[0, m:, width:] = N[:turning, :turning]
+        again = entries[entries[:, 3] < turning] + [0, 0, m, width]
+        self._entries = np.concatenate([entries, again])
         self._now, self._past = (
-            _ObservedChain(self.robot, self.columns, constants, self._entries) for _ in range(2)
+            _ObservedChain(model, frames, columns, constants, self._entries) for _ in range(2)
         )
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
@@ -251,7 +250,8 @@ class LinearKinematics(TaskKinematics):
             raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
         y, self.J, self.xd_hat, self.Jdot_v, X, self.Y_k = self._now.update(a_k, q, v)
         self.a_k, self._v, self._y = a_k, v, y
-        self.p_hat, self.X_k = (y[:3], X[:3]) if self._of_pose else (y, X)
+        m = self.positions
+        self.p_hat, self.X_k = (y[:m], X[:m]) if self._of_pose else (y, X)
 
     def _regressor(self, phi: np.ndarray, y: np.ndarray, chain: _ObservedChain) -> np.ndarray:
         """Return (dN phi - y dD phi) / z (rows, p) by the parameters, z that of the chain."""
@@ -267,18 +267,19 @@ class LinearKinematics(TaskKinematics):
 
     @property
     def x_hat(self) -> np.ndarray:
-        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
+        """The estimated positions (m) [m], and for poses the quaternions xyzw behind them."""
         return self._coordinates(self.p_hat, self._now)
 
     def _coordinates(self, p_hat: np.ndarray, chain: _ObservedChain) -> np.ndarray:
         """Return the task coordinates at estimated positions (m_p)."""
         if not self._of_pose:
             return p_hat
-        return np.concatenate([p_hat, quaternion(self._axes() @ chain.rotation())])
+        turned = (self._axes() @ R for R in chain.rotations())
+        return np.concatenate([p_hat, *map(quaternion, turned)])
 
     def _axes(self) -> np.ndarray:
         """Return R_c (3, 3), a rotation."""
-        return np.eye(3)
+        return _WORLD
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
@@ -334,7 +335,7 @@ class LinearKinematics(TaskKinematics):
         for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(found, q, self._still)
             x = robot.position(q)
-            rows.append(self.explaining(x)[:m] * self.sizes)
+            rows.append(self.explaining(x) * self.sizes)
             off.append(self.task.error(x, self.x_hat))
         W, left = np.concatenate(rows), np.array(off)
         if not self.calibrated:
@@ -364,7 +365,8 @@ class LinearKinematics(TaskKinematics):
     def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
         """Yield the columns (p) of each placement, the described one, and that of a model."""
         for joint in np.unique(self.columns.joints).tolist():
-            at = self.robot.frame_id, None if joint == model.njoints else joint
+            tool = joint - model.njoints
+            at = self._now.frames[max(tool, 0)], None if tool >= 0 else joint
             nominal = placement_of(self.robot.model, *at)
             yield self.columns.joints == joint, nominal, placement_of(model, *at)
 
@@ -393,22 +395,23 @@ class FrameKinematics(LinearKinematics):
                 hint='Take a task of the position, such as "xyz", or `pinadapt calibrate` before.',
             )
         self.translations = unknown_translations(robot, [TOOL] if whole else unknown)
-        columns = (
-            columns_of_geometry(robot)
-            if whole
-            else columns_of_translations(robot, self.translations)
-        )
-        self._take(robot, task, unknown)
+        parts = translated(robot, self.translations)
+        self._displace(robot, unknown, columns_of_geometry(robot) if whole else stacked(parts))
+
+    def _displace(self, robot: Robot, unknown: Words, columns: Columns) -> None:
+        """Take a nominal robot, what is unknown of it, and the columns of that."""
+        self._take(robot, robot.task, unknown)
         self.names = columns.names
         self.size = len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        constants = np.zeros((2, self.positions, 4 + 3 * self.size))
-        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
-        for i, row in enumerate(range(3)[task.place]):
-            own = slice(3 + row, -1, 3)
-            constants[0, i, row], constants[0, i, own] = 1.0, -self.initial
-            places[0, i, own] = np.arange(self.size)
-        self._observe(columns, constants, places)
+        f, m, task = len(robot.frames), self.positions, robot.of_frame(robot.frame).frame_task
+        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[task.place], f)
+        moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column
+        i, own = np.nonzero(frames[:, None] == moved)
+        at = 3 * (f + own) + rows[i]
+        N = np.zeros((m, 1 + 3 * f + 3 * self.size))
+        N[range(m), 3 * frames + rows], N[i, at] = 1.0, -self.initial[own]
+        self._observe(columns, N, np.column_stack([own, 0 * own, i, at]))
         self.update(self.initial, robot.q0, self._still)
 
     @property

@@ -24,7 +24,7 @@ from .translations import LENGTHS, Translation, Words, place, unknown_translatio
 
 def lumped_base(
     robot: Robot, translations: Sequence[Translation]
-) -> tuple[list[pin.Model], list[np.ndarray], list[State], np.ndarray]:
+) -> tuple[list[pin.Model], list[int], list[State], np.ndarray]:
     """Return the base of a chain's dynamics for unknown translations.
 
     Of each random node it has the columns outside the span of the nodes before. The search ends
@@ -32,13 +32,14 @@ def lumped_base(
     if all nodes do.
 
     Returns:
-        One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
-        that belong to the base; N states and the base there (N n, p).
+        k virtual chains, without rotors; the p columns of their regressors (n, 10 n k), side by
+        side, that belong to the base; N states and the base there (N n, p).
     """
     model = robot.model
     rng = np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
-    models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
+    models, columns = list[pin.Model](), list[int]()
+    base = np.zeros((len(states) * model.nv, 0))
     size = sum(part.size for part in translations)
     without_news = 0
     while without_news < 2:
@@ -51,8 +52,8 @@ def lumped_base(
         own = chosen[base.shape[1] :] - base.shape[1]
         without_news += 1
         if own.size:
+            columns += (PER_BODY * model.nv * len(models) + own).tolist()
             models.append(node)
-            columns.append(own)
             base = both[:, chosen]
             without_news = 0
     return models, columns, states, base
@@ -90,10 +91,7 @@ class LumpedDynamics(FittedDynamics):
         initial = self.value(robot)
         assert initial is not None  # the nominal translations are along their directions
         self._model = VirtualChains(models, columns, self._armature)
-        self.names = tuple(
-            f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
-            for node, own in enumerate(columns, 1)
-            for column in own
-        )
+        names = [f"{joint}.{label}" for joint in robot.joint_names for label in LABELS]
+        self.names = tuple(f"{names[c % len(names)]}#{1 + c // len(names)}" for c in columns)
         self.bodies, self.size, self.initial = range(robot.model.nv), len(initial), initial
         self.load(initial)

@@ -52,8 +52,8 @@ class PhysicalSet:
 
     bodies: int
     center: np.ndarray
-    weights: np.ndarray = field(default_factory=lambda: np.ones(1))
-    body_weights: np.ndarray = field(default_factory=lambda: np.ones(1))
+    weights: np.ndarray | float = 1.0
+    body_weights: np.ndarray | float = 1.0
     scales: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def matrices(self, a: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..robot.robot import Robot
-from .linear_kinematics import OFF, LinearKinematics, columns_of_translations
+from .linear_kinematics import OFF, LinearKinematics, stacked, translated
 from .translations import Words, unknown_translations
 
 
@@ -37,7 +37,7 @@ class ProjectedKinematics(LinearKinematics):
         """Take a nominal robot, its unknown translations, and the camera of each row, if any."""
         self._take(robot, robot.frame_task, unknown)
         self.translations = unknown_translations(robot, unknown)
-        columns = columns_of_translations(robot, self.translations)
+        columns = stacked(translated(robot, self.translations))
         self.nominal = columns.initial
         self._camera = np.array(camera, dtype=int)
         of = [f"{name}_{axis}" for name in ("base", *columns.names) for axis in "xyz"]
@@ -51,13 +51,10 @@ class ProjectedKinematics(LinearKinematics):
         self._split = self.positions * self._shape[1]
         small = np.repeat([1.0, OFF * robot.reach], [3, len(of) - 2])
         self.sizes = np.tile(small, self.positions)
-        constants = np.zeros((2, *self._shape))
-        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
-        places[0] = np.arange(self._split).reshape(self._shape)
-        if deep:
-            below = self._split + np.arange(np.prod(self._below)).reshape(self._below)
-            places[1, :, :-1] = below[self._camera]
-        self._observe(columns, constants, places)
+        entries = [(j, 0, *at) for j, at in enumerate(np.ndindex(self._shape))]
+        for i, c in np.ndindex(len(camera), len(of)):
+            entries.append((self._split + camera[i] * len(of) + c, 1, i, c))
+        self._observe(columns, np.zeros(self._shape), np.array(entries))
         self._now.update(np.zeros(self.size), robot.q0, self._still)
         self._home = self._now.motion[0, : len(of), -1].copy()
         for chain in (self._now, self._past):

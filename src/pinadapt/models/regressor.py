@@ -52,13 +52,7 @@ class Regressor:
         self._many = n > 1
         self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
         oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
-        moved = [
-            (body - 1, column)
-            for body in range(1, model.njoints)
-            for joint in list(model.supports[body])[1:]
-            for column in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
-        ]
-        bodies, columns = np.array(moved, dtype=np.int64).T.copy()
+        bodies, columns = np.nonzero(moves(model)[1:])
         self._chain = (
             live_array([placement.rotation for placement in oMi]),
             live_array([placement.translation for placement in oMi]),
@@ -104,6 +98,12 @@ class Regressor:
         return Y_M, Y_0
 
 
+def moves(model: pin.Model) -> np.ndarray:
+    """Return which coordinates (N, n) move each of N joints, the world first, and its body."""
+    joints = np.repeat(range(model.njoints), list(model.nvs))
+    return np.array([np.isin(joints, list(support)) for support in model.supports])
+
+
 def inertial_parameters(model: pin.Model) -> np.ndarray:
     """Return pi (10 n) of a model."""
     return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
@@ -143,7 +143,7 @@ def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
     Raises:
         ValueError: the views are not at equal distances in memory.
     """
-    places = np.array([view.__array_interface__["data"][0] for view in views])
+    places = np.array([view.ctypes.data for view in views])
     first = views[0]
     distance = int(places[1] - places[0]) if len(views) > 1 else 0
     if (np.diff(places) != distance).any():

@@ -139,16 +139,14 @@ class RightInverse:
         task, to at most 0.55 of the speeds, from 0.45 on; then r as a whole to at most 1.06, from 1
         on. Both keep their directions; r itself is returned where both are slow enough.
         """
-        kept, kept_rate = r, rate
         if psi is not None and psid is not None:
             null = self.null(psi)
             if kernels.largest_share(null, speeds) > _NULL[0]:
                 still = np.zeros(self.size)
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
-                kept, kept_rate = r - null, rate - null_rate
-                null, null_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
-                kept, kept_rate = kept + null, kept_rate + null_rate
-        return bound_smoothly(speeds, *_WHOLE, kept, kept_rate)
+                short, short_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
+                r, rate = r - null + short, rate - null_rate + short_rate
+        return bound_smoothly(speeds, *_WHOLE, r, rate)
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n), without damping the projection onto the null space."""

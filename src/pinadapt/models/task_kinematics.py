@@ -30,7 +30,6 @@ class TaskKinematics(ABC):
         robot: the nominal robot, without its geometry.
         task: the controlled coordinates.
         joint_names: names of the chain's joints.
-        frame: name of the task frame.
         nq, nv: sizes of configuration and velocity.
         names: one name a parameter.
         size: p.
@@ -52,18 +51,14 @@ class TaskKinematics(ABC):
     """
 
     task: Task
-    names: tuple[str, ...]
-    size: int
+    names: tuple[str, ...] = ()
+    size: int = 0
     positions: int
-    initial: np.ndarray
-    a_k: np.ndarray
     translations: Sequence[Translation] = ()
     calibrated: bool = True
     affine: bool = True
-    sizes: np.ndarray
-    bounds: np.ndarray
-    p_hat: np.ndarray
-    X_k: np.ndarray
+    initial = a_k = p_hat = sizes = np.zeros(0)
+    X_k, bounds = np.zeros((0, 0)), np.zeros((2, 0))
     xd_hat: np.ndarray
     J: np.ndarray
     Jdot_v: np.ndarray
@@ -80,7 +75,7 @@ class TaskKinematics(ABC):
     def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""
         self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
-        self.joint_names, self.frame = robot.joint_names, robot.frame
+        self.joint_names = robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.positions = task.positions
         self._still = np.zeros(self.nv)
@@ -155,11 +150,11 @@ class TaskKinematics(ABC):
         return self.robot
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:  # noqa: B027
-        """Write the translations of an estimate a_k (p) [m] into a model of the chain."""
+        """Write the translations of an estimate a_k (p) [m], if it has any, into a model."""
 
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
-        return self.initial
+        return a_k
 
     def _know(self, robot: Robot, task: Task, unknown: Words) -> None:
         """Take a nominal robot and a task without parameters; ``unknown`` must be empty.
@@ -177,11 +172,7 @@ class TaskKinematics(ABC):
         self._take(robot, task, unknown)
         self._data = robot.model.createData()
         self._q = robot.q0
-        self.names = ()
-        self.size = 0
-        self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
         self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
-        self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
 
 
 class ComKinematics(TaskKinematics):

@@ -13,7 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from .linear_kinematics import BOUND, OFF
+from ..tasks.frame import FrameTask
+from .linear_kinematics import BOUND, EITHER, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Words
 
@@ -45,6 +46,8 @@ class TrackerKinematics(ProjectedKinematics):
     uncalibrated visual servoing.
     """
 
+    task: FrameTask
+
     def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
@@ -56,7 +59,7 @@ class TrackerKinematics(ProjectedKinematics):
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
         wide = np.repeat([BOUND, BOUND * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
-        self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
+        self.bounds = np.tile(wide, self.positions) * EITHER
 
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""

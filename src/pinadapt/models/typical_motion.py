@@ -45,8 +45,8 @@ class TypicalMotion:
         kinematics, dynamics: its models.
         states: N states.
         jacobians: (N, m, n) J at each state.
-        kinematic_regressors: Y_p (m_p, p_k), the position rows of Y_k, at each state.
-        position_regressors: X_k = dx/da_k (m_p, p_k) at each state.
+        kinematic_regressors: (N, m_p, p_k) Y_p, the position rows of Y_k, at each state.
+        position_regressors: (N, m_p, p_k) X_k = dx/da_k at each state.
         right_inverses: (N, n, m) J^+ at each state, without directions that J hardly moves.
         free: (N, n, n) projection of torques onto what no constraint force changes, the identity
             without constraints.
@@ -90,7 +90,7 @@ class TypicalMotion:
         columns = [np.array(column) for column in zip(*found, strict=True)]
         self.states = States(*columns[:3])
         self.jacobians, self.right_inverses, self.free = columns[3:6]
-        self.kinematic_regressors, self.position_regressors = map(list, columns[6:])
+        self.kinematic_regressors, self.position_regressors = columns[6:]
 
     @cached_property
     def regressors(self) -> np.ndarray:

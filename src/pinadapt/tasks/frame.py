@@ -146,10 +146,7 @@ class PoseTask(FrameTask):
     phi^T phi / 2. If V(0) < k pi^2 / 2, the loop stays inside because V does not grow.
     """
 
-    @property
-    def coordinates(self) -> int:
-        """Seven: position and quaternion."""
-        return 7
+    coordinates = 7  # position and quaternion
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -162,32 +159,29 @@ class PoseTask(FrameTask):
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
-        if self.flaw(x) or self.flaw(x_d):  # the step refuses what is not finite
-            return np.append(x[:3] - x_d[:3], np.full(3, np.nan))
-        return np.concatenate([x[:3] - x_d[:3], rotation_between(x[3:], x_d[3:])])
+        flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
+        phi = np.full(3, np.nan) if flawed else rotation_between(x[3:], x_d[3:])
+        return np.concatenate([x[:3] - x_d[:3], phi])
 
-    def errors(
+    def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
+        """Return delta (6): zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
+        return np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
+
+    def turn(
         self,
+        x_hat: np.ndarray,
         x: np.ndarray,
-        x_d: np.ndarray,
-        xd: np.ndarray | None,
-        xd_hat: np.ndarray,
-        xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return dx, xd, of which only the linear part may be measured, and delta, all (6).
+        before: np.ndarray | None = None,
+        share: float = 0.0,
+    ) -> np.ndarray:
+        """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw.
 
-        delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
+        With another one ``before``, it is that at this share of the way to it.
         """
-        dx, xd, _ = super().errors(x, x_d, xd, xd_hat, xd_d)
-        return dx, xd, np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
-
-    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""
-        return (_quaternion(x_hat[3:]).conjugate() * _quaternion(x[3:])).coeffs()
-
-    def turn_between(self, turn: np.ndarray, before: np.ndarray, share: float) -> np.ndarray:
-        """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
-        return _quaternion(turn).slerp(share, _quaternion(before)).coeffs()
+        turn = _quaternion(x_hat[3:]).conjugate() * _quaternion(x[3:])
+        if before is not None:
+            turn = turn.normalized().slerp(share, _quaternion(before))
+        return turn.coeffs()
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` in its own axes."""
@@ -247,9 +241,8 @@ class ImageTask(PositionTask):
     @cached_property
     def projections(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows (m, 4) of H that give z y of each coordinate, and those that give its depth z."""
-        H = np.array(self.cameras)
-        above = np.array([H[camera, row] for camera, row in self.picks])
-        return above, np.array([H[camera, 2] for camera, _ in self.picks])
+        H, (cameras, rows) = np.array(self.cameras), zip(*self.picks, strict=True)
+        return H[cameras, rows], H[cameras, 2]
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates y (m) of a frame's placement in the axes of the base."""
@@ -295,20 +288,9 @@ class ComTask(PoseTask):
     model: pin.Model | None = field(default=None, compare=False, repr=False)
     frame: int = field(default=0, compare=False)
 
-    @property
-    def positions(self) -> int:
-        """Zero: no row is a position of the frame."""
-        return 0
-
-    @property
-    def lengths(self) -> int:
-        """Three: the centre of mass."""
-        return 3
-
-    @property
-    def place(self) -> slice:
-        """No row."""
-        return slice(0)
+    positions = 0  # no row is a position of the frame
+    lengths = 3  # the centre of mass
+    place = slice(0)
 
     @cached_property
     def levels(self) -> np.ndarray:
@@ -375,10 +357,8 @@ def pinhole_camera(
         InputError: wrong sizes, a focal length that is not positive, or a target where the camera
             stands.
     """
-    eye, at = (
-        vector(given, 3, name, fills=False)
-        for given, name in ((position, "position"), (target, "target"))
-    )
+    eye = vector(position, 3, "position", fills=False)
+    at = vector(target, 3, "target", fills=False)
     (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
     f, away = positive(focal, "focal", error=InputError), float(np.linalg.norm(at - eye))
     if not away > 0.0:
@@ -392,16 +372,10 @@ def pinhole_camera(
     return K @ np.column_stack([R, -R @ eye])
 
 
-def _position_task(name: str) -> FrameTask:
-    """Return the task of the coordinates of the position that are the letters of a name."""
-    first, last = "xyz".index(name[0]), "xyz".index(name[-1])
-    rows = slice(first, last + 1, (last - first) // (len(name) - 1))
-    return PositionTask(name, tuple(name), rows)
-
-
+_ROWS = {"xy": slice(0, 2), "xz": slice(0, 3, 2), "yz": slice(1, 3), "xyz": slice(0, 3)}
 _POSE = "x", "y", "z", "phi_x", "phi_y", "phi_z"
 TASKS: dict[str, FrameTask] = {
-    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
+    **{name: PositionTask(name, tuple(name), rows) for name, rows in _ROWS.items()},
     "pose": PoseTask("pose", _POSE, slice(6)),
     COM: ComTask(COM, _POSE, slice(6)),
 }

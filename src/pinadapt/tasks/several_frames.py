@@ -35,9 +35,9 @@ class FramesTask(Task):
     @classmethod
     def of(cls, part: FrameTask, frames: Mapping[str, int]) -> FramesTask:
         """Return the task of frames, name -> index in the model, with the same coordinates each."""
-        own = np.array([[f"{frame}.{label}" for label in part.labels] for frame in frames])
-        labels = (*own[:, : part.positions].flat, *own[:, part.positions :].flat)
-        return cls(part.name, tuple(map(str, labels)), tuple(frames), tuple(frames.values()), part)
+        own = [np.array([f"{frame}.{label}" for label in part.labels]) for frame in frames]
+        labels = tuple(joined(own, part.positions).tolist())
+        return cls(part.name, labels, tuple(frames), tuple(frames.values()), part)
 
     @property
     def coordinates(self) -> int:
@@ -64,18 +64,21 @@ class FramesTask(Task):
         )
 
     def parts(self, x: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield the coordinates, or the rows, of each frame."""
-        yield from parts_of(x, len(self.frames), self.part.positions)
+        """Return the coordinates, or the rows, of each frame."""
+        return parts_of(x, len(self.frames), self.part.positions)
 
     def joined(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Return the coordinates, or the rows, of all frames, given those of each."""
         return joined(parts, self.part.positions)
 
-    def _all(self, found: Iterable[Sequence[Any]]) -> list[np.ndarray]:
-        """Return several arrays of all frames, given those of each."""
-        return [self.joined(own) for own in zip(*found, strict=True)]
+    def _both(
+        self, found: Iterable[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return two arrays of all frames, given those of each."""
+        first, second = map(self.joined, zip(*found, strict=True))
+        return first, second
 
-    def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
+    def _each(self, call: Callable[..., Any], *given: np.ndarray) -> np.ndarray:
         """Return what a function makes of the parts of some coordinates or rows, joined."""
         return self.joined(list(map(call, *map(self.parts, given))))
 
@@ -83,42 +86,28 @@ class FramesTask(Task):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
-        x, xd = self._all(self.part.motion(model, data, own, q, v) for own in self.ids)
-        return x, xd
+        return self._both(self.part.motion(model, data, own, q, v) for own in self.ids)
 
     def linear_map(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
-        x, J = self._all(self.part.linear_map(model, data, own, q) for own in self.ids)
-        return x, J
+        return self._both(self.part.linear_map(model, data, own, q) for own in self.ids)
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
         return self._each(self.part.error, x, x_d)
 
-    def errors(
-        self,
-        x: np.ndarray,
-        x_d: np.ndarray,
-        xd: np.ndarray | None,
-        xd_hat: np.ndarray,
-        xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return dx, xd and delta, as of each frame; see ``Task.errors``."""
+    def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
+        """Return delta (m), as of each frame; None without rotations."""
         if self.size == self.positions:
-            return super().errors(x, x_d, xd, xd_hat, xd_d)
-        given = map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d))
-        dx, xd, delta = self._all(map(self.part.errors, *given))
-        return dx, xd, delta
+            return None
+        return self._each(self.part.drift, dx, xd_hat, xd_d)
 
-    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
+    def turn(self, x_hat: np.ndarray, x: np.ndarray, before: Any = None, share: float = 0.0) -> Any:
         """Return the rotation of each frame from the estimated to the measured orientation."""
-        return list(map(self.part.turn, self.parts(x_hat), self.parts(x)))
-
-    def turn_between(self, turn: Any, before: Any, share: float) -> Any:
-        """Return the rotation of each frame on the way from ``turn`` to ``before``."""
-        return [self.part.turn_between(*own, share) for own in zip(turn, before, strict=True)]
+        given = self.parts(x_hat), self.parts(x), before or [None] * len(self.frames)
+        return [self.part.turn(*own, share) for own in zip(*given, strict=True)]
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and rotations."""

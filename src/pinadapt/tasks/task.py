@@ -144,14 +144,18 @@ class Task(ABC):
             xd = xd_hat
         elif m < len(xd):
             xd = np.concatenate([xd[:m], xd_hat[m:]])
-        return self.error(x, x_d), xd, None
+        dx = self.error(x, x_d)
+        return dx, xd, self.drift(dx, xd_hat, xd_d)
 
-    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
-        """Return the rotation from the estimated to the measured orientation; None without one."""
+    def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray | None:
+        """Return delta (m) of ``errors`` at an error dx (m); None where it is always zero."""
         return None
 
-    def turn_between(self, turn: Any, before: Any, share: float) -> Any:
-        """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
+    def turn(self, x_hat: np.ndarray, x: np.ndarray, before: Any = None, share: float = 0.0) -> Any:
+        """Return the rotation from the estimated to the measured orientation; None without one.
+
+        With another rotation ``before``, it is the one at this share of the way to that.
+        """
         return None
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
@@ -187,6 +191,8 @@ class JointTask(Task):
     places: tuple[int, ...]
     dofs: tuple[int, ...]
 
+    positions = 0  # no row is a position of the frame
+
     @classmethod
     def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
         """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
@@ -196,11 +202,6 @@ class JointTask(Task):
             if chosen is None or chosen[joint.idx_v]
         ]
         return cls("joint", *zip(*rows, strict=True))
-
-    @property
-    def positions(self) -> int:
-        """Zero: no row is a position of the frame."""
-        return 0
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
