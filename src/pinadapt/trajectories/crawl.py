@@ -93,12 +93,10 @@ class Crawl(Trajectory):
         placed.append(feet)
         x = np.concatenate([trunk, np.reshape(placed, (len(placed), 12))], axis=1)
         T = np.append(np.tile([self.shift, self.swing], self.steps), self.shift)
-        power = np.concatenate([np.zeros((1, len(T), 15)), moves(x, T)])
-        # a foot rises by 64 height (u (1 - u))^3, u = t / swing
-        rise = np.array([-1.0, 3.0, -3.0, 1.0]) / self.swing ** np.arange(6.0, 2.0, -1.0)
+        t, rise = np.append(0.0, np.cumsum(T)), np.zeros((len(T), 15))
         for k, foot in enumerate(planned._order):
-            power[:4, 2 * k + 1, 5 + 3 * foot] += 64.0 * self.height * rise
-        planned._plan = Quintic(np.append(0.0, np.cumsum(T)), x, power)
+            rise[2 * k + 1, 5 + 3 * foot] = self.height
+        planned._plan = Quintic(t, x, moves(x, t, rise))
         return planned
 
     def shifted(self, by: ArrayLike) -> Trajectory:

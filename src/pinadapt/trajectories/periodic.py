@@ -28,7 +28,6 @@ class _Harmonic(Trajectory):
     """
 
     center: np.ndarray
-    _unplaced: dict[str, Any] | None = None
 
     def _take(
         self,

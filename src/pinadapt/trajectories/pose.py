@@ -74,13 +74,9 @@ class Swing(Trajectory):
         self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
         self.period = positive(period, "orientation.period")
         self.phase = float(vector(phase, 1, "orientation.phase")[0])
-        self._own = quaternion is not None
+        self._unplaced = quaternion is None
         own = UPRIGHT if quaternion is None else quaternion
         self.quaternion = unit_quaternion(own, "orientation.quaternion")
-
-    def placed(self, start: np.ndarray) -> Trajectory:
-        """Return the motion that begins at the quaternion ``start`` (4), if it has none."""
-        return self if self._own else self.starting_at(start)
 
     def at(self, t: float) -> Desired:
         """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
@@ -238,12 +234,9 @@ def _orientation(given: Any) -> Trajectory:
     Raises:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
-    if isinstance(given, Trajectory):
-        motion = given
-    elif isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
+    if isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
         return FixedOrientation(given)
-    else:
-        motion = converted(given, rotation_between, quaternion=True)
+    motion = converted(given, rotation_between, quaternion=True)
     start = as_trajectory(motion).at(0.0)
     unit_quaternion(start.x_d, "orientation")
     for rates in start[1:]:
