@@ -16,6 +16,7 @@ from ..exceptions import RobotError
 from .chain import (
     Closures,
     Mimics,
+    axis_of,
     check_physical,
     effort_limits,
     frame_id,
@@ -24,7 +25,7 @@ from .chain import (
     position_limits,
 )
 from .urdf import check_numbers, xml_text
-from .urdf_writer import axis_of, digits, first_comment, free_name
+from .urdf_writer import digits, first_comment, free_name
 
 _COMPILED = (
     "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."
@@ -127,9 +128,7 @@ class Mjcf:
             ) from error
         model.gravity.linear = self.gravity
         data = model.createData()
-        poses = model.referenceConfigurations
-        q = next((pose.data() for pose in poses if pose.key() == "qpos0"), pin.neutral(model))
-        pin.framesForwardKinematics(model, data, q)
+        pin.framesForwardKinematics(model, data, model.referenceConfigurations["qpos0"])
         for names, loop in zip(self.closures, self.loops, strict=True):
             if loop.get("site1") is not None:
                 continue

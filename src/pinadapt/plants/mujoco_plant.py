@@ -13,8 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import optional, word
-from ..description.chain import configuration_from_angles, frame_id, is_slide, position_limits
-from ..description.urdf_writer import axis_of
+from ..description.chain import (
+    axis_of,
+    configuration_from_angles,
+    frame_id,
+    is_slide,
+    position_limits,
+)
 from ..exceptions import InputError
 from ..records import Measurement
 from ..robot.constraints import Contact

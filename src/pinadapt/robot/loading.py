@@ -48,7 +48,7 @@ from .constraints import (
     independent,
     parts_of,
 )
-from .home import MountingPlane, conditioning, find_home, home_inside_limits
+from .home import MountingPlane, find_home, home_inside_limits, singular_values
 from .robot import Robot, Visual
 
 FIXED, FREE = "fixed", "free"
@@ -166,11 +166,10 @@ def load(
             where="base",
             hint='base="free".',
         )
-    ends = end_links(found.model, found.mimics)
-    hangs = False
-    if known is not None and found.closures:
-        moving = chain_joints(found.model, frame_id(found.model, known))
-        hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
+    model = found.model
+    ends = end_links(model, found.mimics)
+    moving = chain_joints(model, frame_id(model, known)) if known and found.closures else []
+    hangs = any(str(model.names[joint]) in found.passive for joint in moving)  # in loops
     whole = free or bool(closed) or hangs or (known is None and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
@@ -208,17 +207,15 @@ def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) ->
     Raises:
         RobotError: no chain is able, then the error of the first; no end; or any other error.
     """
-    refused = []
+    refused = None
     for frame in ends:
         try:
             return make(frame)
         except RobotError as error:
             if error.where != "task":
                 raise
-            refused.append(error)
-    if refused:
-        raise refused[0]
-    raise RobotError(
+            refused = refused or error
+    raise refused or RobotError(
         "no link is moved by two independent joints or more.",
         where=name,
         hint='Name a frame, or choose task="joint".',
@@ -254,14 +251,14 @@ def _load_chain(
     """
     described = found.model
     whole = free or bool(constraints) or frame is None
-    joints = list(range(1, described.njoints))
-    floating = [j for j in joints if is_free_flyer(described.joints[j])]
+    joints = set(range(1, described.njoints))
+    floating = {joint for joint in joints if is_free_flyer(described.joints[joint])}
     locks = {changes.joint_id(described, name, "locked") for name in locked}
     chain = joints
     if not whole:
         tips = [frame_id(described, str(name)) for name in (frame, *others)]
-        chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
-    keep = [j for j in chain if j not in locks and j not in floating]
+        chain = {joint for tip in tips for joint in chain_joints(described, tip)}
+    keep = sorted(chain - floating - locks)
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
         what = "anything" if frame is None else f"frame '{frame}'"
@@ -287,9 +284,8 @@ def _load_chain(
     if not (floating or found.catalogued or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
-        names = {str(described.names[joint]) for joint in keep}
-        follow = (Coupling(name, *of) for name, of in found.mimics.items() if name in names)
-        constraints = *follow, *constraints
+        follow = [joint for joint in found.mimics if model.existJointName(joint)]
+        constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
     several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
         chosen = _task_named(task or "pose", model)
@@ -321,7 +317,7 @@ def _load_chain(
         Friction().of(model),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in (frame, *others)),
-        locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
+        locked=tuple(str(described.names[j]) for j in sorted(joints - floating - {*keep})),
         welded=bool(floating) and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
@@ -349,14 +345,13 @@ def _load_chain(
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
     model, names = robot.model, robot.joint_names
-    every = {} if robot.origin is None else robot.origin.urdf.joint_effects()
-    own = {joint: every.get(joint, {}) for joint in names}
-    armature = [own[n].get("armature", x) for n, x in zip(names, model.armature, strict=True)]
-    special: Any = {
-        attribute: {joint: own[joint][attribute] for joint in names if attribute in own[joint]}
-        for attribute in FRICTION_ATTRIBUTES
-    }
-    friction = Friction(np.array(model.damping), np.array(model.friction), **special)
+    stated = dict[str, Any]()
+    if robot.origin is not None:
+        for attribute in ("armature", *FRICTION_ATTRIBUTES):
+            stated[attribute] = robot.origin.urdf.joint_effect(attribute, names)
+    rotors = stated.pop("armature", {})
+    armature = [rotors.get(n, x) for n, x in zip(names, model.armature, strict=True)]
+    friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
     return robot.changed(armature=armature, friction=friction)
 
 
@@ -376,7 +371,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
     found = []
     for index, frame in enumerate(model.frames):
-        if frame.type in ENDS and (index not in parents or carried[index] >= 2):
+        if frame.type in ENDS:
             joint = frame.parentJoint
             name = str(frame.name)
             chain = chain_joints(model, index)
@@ -455,18 +450,18 @@ def choose_task(
         if not isinstance(chosen, FrameTask):
             return 0.0, chosen, home_inside_limits(model, poses)
         home = find_home(model, frames, chosen.rows, poses, plane)
-        return conditioning(model, model.createData(), frames, chosen.rows, home)[1], chosen, home
+        ((largest, *_, smallest),) = singular_values(model, frames, chosen.rows, [home])
+        return smallest / largest, chosen, home
 
-    found = []
-    try:
-        return with_home(task or "xyz")[1:]
-    except RobotError as error:
-        refused = error
-    for name in PLANES if task is None and len(frames) == 1 else ():
+    found = list[tuple[float, Task, np.ndarray]]()
+    planes = PLANES if task is None and len(frames) == 1 else ()
+    for name in (task or "xyz", *planes):
         try:
             found.append(with_home(name))
         except RobotError as error:
             refused = error
+        if found and name == "xyz":
+            break
     if not found:
         raise refused
     return max(found, key=lambda each: each[0])[1:]

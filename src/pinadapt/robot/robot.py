@@ -314,8 +314,7 @@ class Robot(Printed):
         usual = (("viscous", viscous), ("coulomb", coulomb))
         own: Any = {name: value for name, value in usual if value is not None}
         drag = self.friction if friction is None else friction
-        if friction is not None or own:
-            drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
+        drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
         return replace(self, model=model, friction=drag, loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:

@@ -262,8 +262,6 @@ def _verdict(case: ZooCase, found: Record, adapted: Rollout) -> str:
     accurate = error is not None and error <= ACCURATE * case.radius
     if angle is not None:
         accurate = accurate and angle <= ACCURATE * SWING
-    if accurate and without is not None:
-        if error <= BETTER * without:
-            return CONVERGED
-        return f"accurate, but only {without / error:.1f} times better than without"
+    if accurate and without is not None and error <= BETTER * without:
+        return CONVERGED
     return adapted.verdict
