@@ -91,8 +91,9 @@ class Mjcf:
             elif part.tag in ("connect", "weld"):
                 ends = {part.get("body1"), part.get("body2")}
                 loops += [] if mocap & ends else [part]
-        options = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
-        gravity = np.array([*options, "0 0 -9.81"][0].split(), dtype=float)
+        option = root.find("option[@gravity]")
+        text = "0 0 -9.81" if option is None else option.get("gravity", "")
+        gravity = np.array(text.split(), dtype=float)
         return cls(path, coupled, gravity, tuple(loops), _driven(root, coupled))
 
     @property
@@ -192,7 +193,7 @@ def _driven(root: ElementTree.Element, coupled: Mimics) -> frozenset[str]:
         if tendon.get("name") in tendons:
             found |= {joint.get("joint") for joint in tendon.findall("joint")}
     found |= {leader for joint, (leader, *_) in coupled.items() if joint in found}
-    return frozenset(name for name in found if name)
+    return frozenset(filter(None, found))
 
 
 def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple[pin.SE3, pin.SE3]:

@@ -117,11 +117,10 @@ class Urdf:
         A warning lists these meshes. If one cannot be read, there are no shapes at all.
         """
         root = self.root
-        tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
         missing = self.packages.find_files(root)
         lost = set[str]()
         for link in root.iter("link"):
-            for shape in link.findall(tag):
+            for shape in link.findall(kind.name.lower()):
                 files = {mesh.get("filename", "") for mesh in shape.iter("mesh")} & missing
                 if files:
                     link.remove(shape)

@@ -276,17 +276,17 @@ def _load_chain(
         links = (str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
         frame = next(links) if free else (*ends, str(model.frames[-1].name))[0]
     model = with_base_joints(model) if free else model
+    several = {name: frame_id(model, name) for name in (frame, *others)}
+    tip = several[frame]
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip = frame_id(model, frame)
     plane = MountingPlane()
-    if not (floating or found.catalogued or whole or others):
+    if not (floating or found.frame or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         follow = [joint for joint in found.mimics if model.existJointName(joint)]
         constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
-    several = {name: frame_id(model, name) for name in (frame, *others)}
     if free:
         chosen = _task_named(task or "pose", model)
         home = np.concatenate([np.zeros(6), shown])

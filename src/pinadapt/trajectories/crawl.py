@@ -81,17 +81,15 @@ class Crawl(Trajectory):
         planned._start = start = robot.position(robot.q0)
         offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
         planned._order = [order[i % 4] for i in range(self.steps)]
-        # trunk and feet at the ends of all parts, (2 steps + 2, 3) and (2 steps + 2, 4, 3)
-        trunk, placed = [start[:3]], [feet]
+        ends = [np.append(start[:3], feet)]  # trunk and feet (15) at the ends of all parts
+        middle = feet.mean(axis=0)
         for foot in planned._order:
             above = np.append(_inside(np.delete(feet[:, :2], foot, axis=0)) - offset, start[2])
-            feet = feet.copy()
+            ends.append(np.append(above, feet))
             feet[foot, 0] += self.length
-            trunk += [above, above]
-            placed += [placed[-1], feet]
-        trunk.append(start[:3] + (feet - placed[0]).mean(axis=0))
-        placed.append(feet)
-        x = np.concatenate([trunk, np.reshape(placed, (len(placed), 12))], axis=1)
+            ends.append(np.append(above, feet))
+        ends.append(np.append(start[:3] + feet.mean(axis=0) - middle, feet))
+        x = np.array(ends)
         T = np.append(np.tile([self.shift, self.swing], self.steps), self.shift)
         t, rise = np.append(0.0, np.cumsum(T)), np.zeros((len(T), 15))
         for k, foot in enumerate(planned._order):

@@ -180,9 +180,14 @@ def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
 
 
 class PoseCircle(PoseTrajectory):
-    """A pose trajectory whose position is a circle, with the numbers of that circle."""
+    """A pose trajectory whose position is a circle, with the numbers of that circle.
 
-    position: Circle
+    Attributes:
+        radius: [m].
+        period: of a turn [s].
+        plane: the two world axes that span it.
+        phase: angle at time 0, from the first of them [rad].
+    """
 
     def __init__(self, position: Circle, orientation: TrajectoryLike | ArrayLike = UPRIGHT) -> None:
         """Take the circle (3 coordinates), and an orientation as in ``PoseTrajectory``.
@@ -191,26 +196,8 @@ class PoseCircle(PoseTrajectory):
             InputError: a circle in two coordinates, or a quaternion that is not of length 1.
         """
         super().__init__(position, orientation)
-
-    @property
-    def radius(self) -> float:
-        """Radius [m]."""
-        return self.position.radius
-
-    @property
-    def period(self) -> float:
-        """Period of a turn [s]."""
-        return self.position.period
-
-    @property
-    def plane(self) -> str:
-        """The two world axes that span it."""
-        return self.position.plane
-
-    @property
-    def phase(self) -> float:
-        """Angle at time 0, from the first of them [rad]."""
-        return self.position.phase
+        self.radius, self.period = position.radius, position.period
+        self.plane, self.phase = position.plane, position.phase
 
 
 def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:

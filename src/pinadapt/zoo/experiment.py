@@ -37,7 +37,6 @@ from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
 from ..sweep.execution import rows
 from ..sweep.table import DONE, Row
-from ..trajectories.periodic import Circle
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
@@ -117,25 +116,17 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     )
     factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], robot.model.nv)
     scales = dict(zip(robot.joint_names, factors.tolist(), strict=True))
+    motion: Trajectory = found
+    if robot.task.size > robot.task.positions:  # of a pose: the tool swings once per turn
+        motion = PoseTrajectory(found, Swing(rng.standard_normal(3), SWING, found.period))
     return ZooCase(
         true,
         robot.changed(inertial_scale=scales),
-        _motion(true, found, rng),
+        motion.starting_at(true.position(true.q0)),
         found.radius,
         found.period,
         max(LEAST_DURATION, 4.0 * found.period),
     )
-
-
-def _motion(robot: Robot, found: Circle, rng: np.random.Generator) -> Trajectory:
-    """Return the circle through the robot's home position, in task coordinates.
-
-    In a pose task the tool swings once per turn about a random axis.
-    """
-    motion: Trajectory = found
-    if robot.task.size > robot.task.positions:
-        motion = PoseTrajectory(found, Swing(rng.standard_normal(3), SWING, found.period))
-    return motion.starting_at(robot.position(robot.q0))
 
 
 def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
