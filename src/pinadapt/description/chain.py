@@ -72,7 +72,7 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
     Raises:
         RobotError: it is not physical.
     """
-    if not is_physical(np.array(body.toDynamicParameters())):
+    if not is_physical(body.toDynamicParameters()):
         raise RobotError(
             f"the inertia of the body of link '{link}' is not physical: no distribution of mass "
             "has it.",
@@ -237,7 +237,7 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
         first = np.linalg.norm(np.cross(axis_of(model, i + 1), steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))
         linear[i] = first + rest + stroke[i + 1 :].sum()
-    return linear, np.where(slides, 0.0, 1.0)
+    return linear, 1.0 - slides
 
 
 # Checks

@@ -132,8 +132,8 @@ class _Edited:
         Raises:
             RobotError: the inertia of the body is not physical.
         """
-        now = np.array(self.robot.model.inertias[index].toDynamicParameters())
-        before = np.array(self.described.inertias[index].toDynamicParameters())
+        now = self.robot.model.inertias[index].toDynamicParameters()
+        before = self.described.inertias[index].toDynamicParameters()
         if np.allclose(now, before, rtol=ROUNDING, atol=ROUNDING * np.abs(now).max()):
             return
         names = links_of(self.described, index)

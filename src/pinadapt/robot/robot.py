@@ -556,7 +556,7 @@ class Succession:
 
     def index(self, t: ArrayLike) -> np.ndarray:
         """Return the index of the robot at each time t (N) [s]."""
-        return np.searchsorted(np.array(self.times), numbers(t, "t") + EARLY, side="right")
+        return np.searchsorted(self.times, numbers(t, "t") + EARLY, side="right")
 
     @property
     def words(self) -> tuple[tuple[float, str], ...]:

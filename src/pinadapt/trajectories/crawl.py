@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired, DesiredSteps, Feet
-from .trajectory import Quintic, Trajectory, moves
+from .trajectory import Piecewise, Trajectory, moves
 
 # of the largest possible distance to the edges of the triangle of support; half and twice: an A1
 # with 6 kg that nobody announced crawls with the same error of the trunk, and its motors give 16
@@ -37,7 +37,7 @@ class Crawl(Trajectory):
     exact = True
     _start: np.ndarray
     _order: list[int]
-    _plan: Any = None  # a ``Quintic`` of trunk and feet
+    _plan: Any = None  # a ``Piecewise`` of trunk and feet
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Crawl(Trajectory):
         t, rise = np.append(0.0, np.cumsum(T)), np.zeros((len(T), 15))
         for k, foot in enumerate(planned._order):
             rise[2 * k + 1, 5 + 3 * foot] = self.height
-        planned._plan = Quintic(t, x, moves(x, t, rise))
+        planned._plan = Piecewise(t, x, moves(x, t, rise))
         return planned
 
     def shifted(self, by: ArrayLike) -> Trajectory:

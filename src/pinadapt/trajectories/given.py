@@ -13,7 +13,7 @@ from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
-from .trajectory import Quintic, Trajectory
+from .trajectory import Piecewise, Trajectory
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
@@ -93,7 +93,7 @@ def _coordinates(value: Any, t: float) -> list[np.ndarray]:
         ) from error
 
 
-class Spline(Quintic):
+class Spline(Piecewise):
     """The spline of degree five through positions at given times; four continuous derivatives.
 
     Before the first time and after the last one the motion rests at the first and last position;

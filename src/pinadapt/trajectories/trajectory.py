@@ -230,7 +230,7 @@ class Hold(Trajectory):
         return Desired(self.point, self._rest, self._rest)
 
 
-class Quintic(Trajectory):
+class Piecewise(Trajectory):
     """Polynomials between given times; at rest before the first and after the last.
 
     Attributes:
@@ -249,10 +249,11 @@ class Quintic(Trajectory):
         """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
         inside = min(max(t, self.t[0]), self.t[-1])
         x_d, xd_d, xdd_d = (self._path(inside, order) for order in range(3))
-        return Desired(x_d, xd_d, xdd_d) if inside == t else Desired(x_d, 0.0 * xd_d, 0.0 * xdd_d)
+        moving = 1.0 if inside == t else 0.0
+        return Desired(x_d, moving * xd_d, moving * xdd_d)
 
 
-class Waypoints(Quintic):
+class Waypoints(Piecewise):
     """Minimum-jerk segments from point to point, at rest in each; the last point is held.
 
     T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985.

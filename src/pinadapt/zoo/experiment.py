@@ -134,9 +134,8 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
     At home it lies in the task's directions. Its length is 5 % of the reach.
     """
-    m = robot.task.positions
-    direction = np.zeros(3)
-    direction[["xyz".index(label) for label in robot.task.labels[:m]]] = rng.standard_normal(m)
+    task, direction = robot.frame_task, np.zeros(3)
+    direction[task.place] = rng.standard_normal(task.positions)
     direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
 
