@@ -13,7 +13,7 @@ from pinadapt.description.chain import (
     position_limits,
     velocity_limits,
 )
-from pinadapt.robot.home import conditioning
+from pinadapt.robot.home import singular_values
 from pinadapt.robot.workspace import find_circle, find_swing
 from tests.support.chains import catalogue_robot
 from tests.support.followed import followed
@@ -41,19 +41,18 @@ def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
     circle = find_circle(robot)
     assert 0.05 * robot.reach < circle.radius <= 0.1 * robot.reach
     lower, upper = position_limits(robot.model)
-    model, data = robot.model, robot.model.createData()
-    at_home = conditioning(model, data, [robot.frame_id], robot.task.rows, robot.q0)[0]
+    task = robot.model, [robot.frame_id], robot.task.rows
+    at_home = singular_values(*task, [robot.q0])[0, -1]
     for axis in np.eye(3):
         true = robot.changed(tool_translation=0.05 * robot.reach * axis)
         configurations, speeds = followed(true, circle, point(true))
-        angles = np.array([pin.difference(model, pin.neutral(model), q) for q in configurations])
+        angles = np.array(
+            [pin.difference(robot.model, pin.neutral(robot.model), q) for q in configurations]
+        )
         limited = np.isfinite(lower)
         room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
         assert room.min(initial=1.0) > 0.04
-        least = min(
-            conditioning(model, data, [robot.frame_id], robot.task.rows, q)[0]
-            for q in configurations[::10]
-        )
+        least = singular_values(*task, configurations[::10])[:, -1].min()
         assert least > 0.48 * at_home
         assert np.abs(speeds).max() < 1.65
 
@@ -73,14 +72,12 @@ def test_slower_joints_take_longer():
 def test_the_searched_home_beats_random_poses_inside_the_limits():
     robot, rng = pa.load(ARM4, frame="tip"), np.random.default_rng(7)
     lower, upper = position_limits(robot.model)
-    data = robot.model.createData()
 
     def quality(angles):
         q = robot.at(angles).q0
         room = np.min(np.minimum(angles - lower, upper - angles) / (upper - lower))
-        return conditioning(robot.model, data, [robot.frame_id], robot.task.rows, q)[0] * min(
-            1.0, room / 0.2
-        )
+        found = singular_values(robot.model, [robot.frame_id], robot.task.rows, [q])
+        return found[0, -1] * min(1.0, room / 0.2)
 
     others = [quality(rng.uniform(lower, upper)) for _ in range(100)]
     assert quality(robot.home_angles) > max(others)

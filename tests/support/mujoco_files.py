@@ -3,8 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from pinadapt.description.chain import is_slide
-from pinadapt.description.urdf_writer import axis_of
+from pinadapt.description.chain import axis_of, is_slide
 
 ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # of fullinertia
 

@@ -59,8 +59,7 @@ class CatalogueEntry:
     def limb(self, model: pin.Model) -> tuple[list[int], list[int]]:
         """Return the joints of the whole model before the limb, and those of the limb."""
         chain = chain_joints(model, frame_id(model, self.frame))
-        names = [str(model.names[joint]) for joint in chain]
-        start = 0 if self.first is None else names.index(self.first)
+        start = chain.index(model.getJointId(self.first)) if self.first else 0
         return chain[:start], chain[start:]
 
 

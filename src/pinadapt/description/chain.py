@@ -16,8 +16,8 @@ Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
 """A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
 Closures: TypeAlias = Sequence[tuple[str, str, int]]
 """Two frames that move alike, and in how many coordinates: 3 of position, or these and 3 angles."""
-Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""Lower and upper limits (nv) [rad or m]."""
+Bounds: TypeAlias = np.ndarray
+"""Lower and upper limits (2, nv) [rad or m]."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
 
@@ -31,14 +31,13 @@ def frame_id(model: pin.Model, name: str) -> int:
     Raises:
         RobotError: no frame has that name; the closest one is suggested.
     """
-    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
-    if not found:
-        names = [str(frame.name) for frame in model.frames if frame.type in ENDS]
-        raise RobotError(
-            f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}",
-            where="frame",
-        )
-    return max(found, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
+    for kind in (pin.FrameType.BODY, *pin.FrameType.values.values()):
+        if model.existFrame(name, kind):
+            return int(model.getFrameId(name, kind))
+    names = [str(frame.name) for frame in model.frames if frame.type in ENDS]
+    raise RobotError(
+        f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}", where="frame"
+    )
 
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
@@ -73,7 +72,7 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
     Raises:
         RobotError: it is not physical.
     """
-    if not is_physical(np.array(body.toDynamicParameters())):
+    if not is_physical(body.toDynamicParameters()):
         raise RobotError(
             f"the inertia of the body of link '{link}' is not physical: no distribution of mass "
             "has it.",
@@ -93,9 +92,23 @@ def is_slide(joint: pin.JointModel) -> bool:
     return bool(joint.shortname().startswith("JointModelP"))
 
 
+def _slides(model: pin.Model) -> np.ndarray:
+    """Return whether each joint (nv) is prismatic."""
+    return np.array([is_slide(joint) for joint in model.joints[1:]])
+
+
 def is_free_flyer(joint: pin.JointModel) -> bool:
     """Return whether a joint is the free-flyer of a floating base."""
     return bool(joint.shortname() == "JointModelFreeFlyer")
+
+
+def axis_of(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the axis (3) of a joint in the joint frame."""
+    part = model.joints[joint]
+    scratch = part.createData()
+    part.calc(scratch, pin.neutral(model))
+    S = np.asarray(scratch.S).reshape(6)
+    return S[:3] if is_slide(part) else S[3:]
 
 
 # Reducing a model to the chain
@@ -145,29 +158,27 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 
 def position_limits(model: pin.Model) -> Bounds:
-    """Return lower and upper joint limits (nv) [rad or m]; +-inf for joints without limits.
+    """Return lower and upper joint limits (2, nv) [rad or m]; +-inf for joints without limits.
 
     URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
     turns therefore counts as no limit.
     """
-    low, high = _stated_limits(model)
+    low, high = stated = _stated_limits(model)
     limited = (low < high) & (high <= low + 4.0 * np.pi)
-    return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+    return np.where(limited, stated, [[-np.inf], [np.inf]])
 
 
 def _stated_limits(model: pin.Model) -> Bounds:
-    """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
-    at = [joint.idx_q for joint in model.joints[1:]]
-    turns = [joint.nq > 1 for joint in model.joints[1:]]
-    low = np.where(turns, np.nan, model.lowerPositionLimit[at])
-    return low, np.where(turns, np.nan, model.upperPositionLimit[at])
+    """Return lower and upper limits of the description; NaN for joints of two coordinates."""
+    first, turns = list(model.idx_qs)[1:], np.array(list(model.nqs)[1:]) > 1
+    stated = np.array([model.lowerPositionLimit, model.upperPositionLimit])
+    return np.where(turns, np.nan, stated[:, first])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
-    """Return finite bounds (nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
-    lower, upper = position_limits(model)
-    half = np.array([1.0 if is_slide(joint) else np.pi for joint in model.joints[1:]])
-    return np.where(np.isfinite(lower), lower, -half), np.where(np.isfinite(upper), upper, half)
+    """Return finite bounds (2, nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
+    limits, half = position_limits(model), np.where(_slides(model), 1.0, np.pi)
+    return np.where(np.isfinite(limits), limits, [-half, half])
 
 
 def effort_limits(model: pin.Model) -> np.ndarray:
@@ -197,15 +208,15 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
     """
     own = list(range(1, model.njoints)) if joints is None else list(joints)
     slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
-    lower, upper = (limit[slides] for limit in position_bounds(model))
-    limited = np.isfinite(position_limits(model)[0][slides])
+    strokes = np.ptp(position_bounds(model)[:, slides], axis=0)
+    limited = np.isfinite(position_limits(model)[0, slides])
     steps = [*(model.jointPlacements[joint] for joint in own[1:]), model.frames[frame].placement]
     length = sum(np.linalg.norm(step.translation) for step in steps)
-    length += (upper - lower)[limited].sum()
-    return float(length or (upper - lower).sum())
+    length += strokes[limited].sum()
+    return float(length or strokes.sum())
 
 
-def jacobian_bounds(model: pin.Model, frame: int) -> Bounds:
+def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of |J_i|, column by column of the frame's Jacobian, over all configurations.
 
     For a revolute joint, |J_i| is the distance of the frame from the joint axis. It is at most the
@@ -217,19 +228,16 @@ def jacobian_bounds(model: pin.Model, frame: int) -> Bounds:
         Linear part (nv) [m/rad, or 1 for slides], infinite for joints before a slide without
         limits; angular part (nv), 1 or 0.
     """
-    data = model.createData()
-    J = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, model.nv)
-    low, high = position_limits(model)
-    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
-    stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
+    slides = _slides(model)
+    stroke = np.where(slides, np.abs(position_limits(model)).max(axis=0), 0.0)
     placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
     steps = [place.translation for place in placements]
     linear = np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
-        first = np.linalg.norm(np.cross(J[3:, i], data.oMi[i + 1].rotation @ steps[i]))
+        first = np.linalg.norm(np.cross(axis_of(model, i + 1), steps[i]))
         rest = sum(map(np.linalg.norm, steps[i + 1 :]))
         linear[i] = first + rest + stroke[i + 1 :].sum()
-    return linear, np.where(slides, 0.0, 1.0)
+    return linear, 1.0 - slides
 
 
 # Checks

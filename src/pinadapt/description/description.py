@@ -43,10 +43,9 @@ class Description:
         geometry: function that reads the visual or collision geometry.
         q_reference: (nq) reference configuration.
         mimics: joints that follow others, see ``Mimics``.
-        frame: default task frame, or None.
+        frame: default task frame, of a chain of the catalogue, or None.
         task: default task, or None.
         locked: joints to lock.
-        catalogued: whether it is a chain of the catalogue.
         urdf: the URDF it was read from, or None.
         closures: loops, see ``Closures``.
         passive: joints without a motor.
@@ -60,7 +59,6 @@ class Description:
     frame: str | None = None
     task: str | None = None
     locked: tuple[str, ...] = ()
-    catalogued: bool = False
     urdf: Urdf | None = None
     closures: Closures = ()
     passive: tuple[str, ...] = ()
@@ -165,7 +163,6 @@ def _from_catalogue(name: str) -> Description:
         frame=entry.frame,
         task=entry.task,
         locked=tuple(str(model.names[joint]) for joint in before),
-        catalogued=True,
     )
 
 

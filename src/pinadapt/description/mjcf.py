@@ -16,6 +16,7 @@ from ..exceptions import RobotError
 from .chain import (
     Closures,
     Mimics,
+    axis_of,
     check_physical,
     effort_limits,
     frame_id,
@@ -24,7 +25,7 @@ from .chain import (
     position_limits,
 )
 from .urdf import check_numbers, xml_text
-from .urdf_writer import axis_of, digits, first_comment, free_name
+from .urdf_writer import digits, first_comment, free_name
 
 _COMPILED = (
     "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."
@@ -90,8 +91,9 @@ class Mjcf:
             elif part.tag in ("connect", "weld"):
                 ends = {part.get("body1"), part.get("body2")}
                 loops += [] if mocap & ends else [part]
-        options = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
-        gravity = np.array([*options, "0 0 -9.81"][0].split(), dtype=float)
+        option = root.find("option[@gravity]")
+        text = "0 0 -9.81" if option is None else option.get("gravity", "")
+        gravity = np.array(text.split(), dtype=float)
         return cls(path, coupled, gravity, tuple(loops), _driven(root, coupled))
 
     @property
@@ -127,9 +129,7 @@ class Mjcf:
             ) from error
         model.gravity.linear = self.gravity
         data = model.createData()
-        poses = model.referenceConfigurations
-        q = next((pose.data() for pose in poses if pose.key() == "qpos0"), pin.neutral(model))
-        pin.framesForwardKinematics(model, data, q)
+        pin.framesForwardKinematics(model, data, model.referenceConfigurations["qpos0"])
         for names, loop in zip(self.closures, self.loops, strict=True):
             if loop.get("site1") is not None:
                 continue
@@ -193,7 +193,7 @@ def _driven(root: ElementTree.Element, coupled: Mimics) -> frozenset[str]:
         if tendon.get("name") in tendons:
             found |= {joint.get("joint") for joint in tendon.findall("joint")}
     found |= {leader for joint, (leader, *_) in coupled.items() if joint in found}
-    return frozenset(name for name in found if name)
+    return frozenset(filter(None, found))
 
 
 def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple[pin.SE3, pin.SE3]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -117,11 +117,10 @@ class Urdf:
         A warning lists these meshes. If one cannot be read, there are no shapes at all.
         """
         root = self.root
-        tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
         missing = self.packages.find_files(root)
         lost = set[str]()
         for link in root.iter("link"):
-            for shape in link.findall(tag):
+            for shape in link.findall(kind.name.lower()):
                 files = {mesh.get("filename", "") for mesh in shape.iter("mesh")} & missing
                 if files:
                     link.remove(shape)
@@ -154,16 +153,16 @@ class Urdf:
             found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
         return found
 
-    def joint_effects(self) -> dict[str, dict[str, float]]:
-        """Return joint name -> the numbers of its <dynamics> by attribute.
+    def joint_effect(self, attribute: str, joints: Collection[str]) -> dict[str, float]:
+        """Return joint name -> an attribute of its <dynamics>, where that is stated.
 
         ``Robot.urdf`` writes those that URDF does not define, such as ``armature``.
         """
-        return {
-            joint.get("name", ""): {name: float(x) for name, x in dynamics.attrib.items()}
-            for joint in self.root.findall("joint")
-            for dynamics in joint.findall("dynamics")
-        }
+        found = {}
+        for joint in self.root.findall(f"joint/dynamics[@{attribute}]/.."):
+            if (name := joint.get("name", "")) in joints:
+                found[name] = float(child(joint, "dynamics").get(attribute, ""))
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .._checks import ROUNDING
 from .._version import __version__
 from .chain import (
+    axis_of,
     check_physical,
     effort_limits,
     frame_id,
@@ -71,7 +72,7 @@ class _Edited:
                 self._place(self.joints[name], now)
         for name in self.robot.frames:
             self._place_tool(name)
-        for index in range(max(own[0][0] - 1, 1), len(names) + 1):  # with a free base, its root
+        for index in range(1, model.njoints):
             self._write_inertia(index)
         friction = self.robot.friction
         usual = {"damping": friction.viscous, "friction": friction.coulomb}
@@ -131,8 +132,8 @@ class _Edited:
         Raises:
             RobotError: the inertia of the body is not physical.
         """
-        now = np.array(self.robot.model.inertias[index].toDynamicParameters())
-        before = np.array(self.described.inertias[index].toDynamicParameters())
+        now = self.robot.model.inertias[index].toDynamicParameters()
+        before = self.described.inertias[index].toDynamicParameters()
         if np.allclose(now, before, rtol=ROUNDING, atol=ROUNDING * np.abs(now).max()):
             return
         names = links_of(self.described, index)
@@ -158,11 +159,10 @@ def _read_inertia(link: ElementTree.Element) -> pin.Inertia:
     inertial = link.find("inertial")
     if inertial is None:
         return pin.Inertia.Zero()
-    entries = child(inertial, "inertia")
-    upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = [float(entries.get(name, "0")) for name in ENTRIES]
+    stated = child(inertial, "inertia")
+    entries = [float(stated.get(name, "0")) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]
     mass = float(child(inertial, "mass").get("value", "0"))
-    body = pin.Inertia(mass, np.zeros(3), upper + np.triu(upper, 1).T)
+    body = pin.Inertia(mass, np.zeros(3), pin.Symmetric3(np.array(entries)).matrix())
     return _read_origin(inertial).act(body)
 
 
@@ -190,8 +190,8 @@ def _skeleton(robot: Any) -> Origin:
     links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
-    effort = np.nan_to_num(effort_limits(model), posinf=0.0)
-    velocity = np.nan_to_num(velocity_limits(model), posinf=0.0)
+    effort, velocity = np.nan_to_num([effort_limits(model), velocity_limits(model)], posinf=0.0)
+    limits = {"effort": effort, "velocity": velocity, "lower": lower, "upper": upper}
     for index, name in enumerate(robot.joint_names, 1):
         part = model.joints[index]
         kind = "prismatic" if is_slide(part) else "continuous" if part.nq == 2 else "revolute"
@@ -199,14 +199,8 @@ def _skeleton(robot: Any) -> Origin:
         ElementTree.SubElement(root, "link", name=links[-1])
         joint = _joint(root, name, kind, links[model.parents[index]], links[-1])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        ElementTree.SubElement(
-            joint,
-            "limit",
-            effort=digits(effort[index - 1]),
-            velocity=digits(velocity[index - 1]),
-            lower=digits(lower[index - 1]),
-            upper=digits(upper[index - 1]),
-        )
+        own = {name: digits(numbers[index - 1]) for name, numbers in limits.items()}
+        ElementTree.SubElement(joint, "limit", own)
     for frame in robot.frames:
         carrier = links[model.frames[frame_id(model, frame)].parentJoint]
         ElementTree.SubElement(root, "link", name=frame)
@@ -222,15 +216,6 @@ def _joint(
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=carried)
     return joint
-
-
-def axis_of(model: pin.Model, joint: int) -> np.ndarray:
-    """Return the axis (3) of a joint in the joint frame."""
-    part = model.joints[joint]
-    scratch = part.createData()
-    part.calc(scratch, pin.neutral(model))
-    S = np.asarray(scratch.S).reshape(6)
-    return S[:3] if is_slide(part) else S[3:]
 
 
 def free_name(name: str, taken: set[str]) -> str:

@@ -28,8 +28,7 @@ from numpy import empty
 
 from .._checks import ROUNDING
 from .._kernels import models as kernels
-from ..description.chain import frame_id, is_slide
-from ..description.urdf_writer import axis_of
+from ..description.chain import axis_of, frame_id, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import PositionTask, quaternion

@@ -13,9 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import optional, word
-from ..description.chain import configuration_from_angles, frame_id, is_slide
+from ..description.chain import axis_of, configuration_from_angles, frame_id, is_slide
 from ..description.mjcf import mjcf_text
-from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
 from ..records import Measurement
 from ..robot.constraints import Contact

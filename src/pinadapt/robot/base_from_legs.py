@@ -66,9 +66,9 @@ class BaseFromLegs:
         feet = self._feet()
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED
         both = stands & self._stood
-        # the angle that turns the feet onto the footholds, about their middles
-        a, b = (at[both, :2] - at[both, :2].mean(axis=0) for at in (feet, self.footholds))
-        q[3] = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+        # the angle that turns the feet x + iy onto the footholds, about their middles
+        a, b = (at[both, 0] + 1j * at[both, 1] for at in (feet, self.footholds))
+        q[3] = np.angle(np.vdot(a - a.mean(), b - b.mean()))
         R = pin.rpy.rpyToMatrix(0.0, 0.0, q[3])
         turned = feet @ R.T
         q[:3] = (self.footholds - turned)[both].mean(axis=0)
@@ -77,8 +77,7 @@ class BaseFromLegs:
         self._stood = stands
         standing = np.array(self._frames)[stands].tolist()
         axes = pin.LOCAL_WORLD_ALIGNED
-        rows = [pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in standing]
-        A = np.concatenate(rows)
+        A = np.vstack([pin.getFrameJacobian(model, data, each, axes)[:3] for each in standing])
         v[:4] = np.linalg.lstsq(A[:, :4], -A @ v, rcond=None)[0]
         v[:3] = R @ v[:3]
         return q, v

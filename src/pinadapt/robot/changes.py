@@ -46,7 +46,7 @@ class Payload:
         mass = positive(self.mass, "payload.mass", zero=True, error=RobotError)
         com = vector(self.com, 3, "payload.com", error=RobotError, fills=False)
         given = vector(self.inertia, 6, "payload.inertia", error=RobotError, fills=False)
-        matrix = np.array([given[[0, 1, 3]], given[[1, 2, 4]], given[[3, 4, 5]]])
+        matrix = pin.Symmetric3(given).matrix()
         second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
         if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
             raise RobotError(

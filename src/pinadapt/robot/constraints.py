@@ -66,12 +66,10 @@ class Contact:
 
     def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows: the velocity of the frame, of a sole also its angular velocity."""
-        A, A_rate = _frame_rows(model, data, at[0])
+        A, A_rate = _frame_rows(model, data, at[0], pin.LOCAL_WORLD_ALIGNED)
         return A[: self.size], A_rate[: self.size]
 
-    def error(
-        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
-    ) -> np.ndarray:
+    def error(self, data: pin.Data, at: Sequence[int], angles: np.ndarray) -> np.ndarray:
         """Return the height, and NaN."""
         off = np.full(self.size, np.nan)
         off[2] = data.oMf[at[0]].translation[2]
@@ -126,23 +124,15 @@ class Loop:
 
     def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows of the velocity of b's body at frame a, less that of frame a."""
-        (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, frame) for frame in at)
-        a, b = (data.oMf[frame] for frame in at)
-        v_a, v_b = (
-            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in at
-        )
-        r, rd = pin.skew(a.translation - b.translation), pin.skew(v_a.linear - v_b.linear)
-        rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
-        A_b[:3] -= r @ A_b[3:]
-        A = A_b - A_a
-        A_rate = rate_b - rate_a - np.kron(np.eye(2), pin.skew(v_a.angular)) @ A
-        axes = np.kron(np.eye(2), a.rotation.T)
-        rows = list(self.rows)
-        return (axes @ A)[rows], (axes @ A_rate)[rows]
+        (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, each, pin.LOCAL) for each in at)
+        v_a, v_b = (pin.getFrameVelocity(model, data, each, pin.LOCAL) for each in at)
+        b = data.oMf[at[0]].actInv(data.oMf[at[1]])  # in the axes of a
+        X, rows = b.action, list(self.rows)
+        A = X @ A_b - A_a
+        A_rate = X @ (rate_b + (v_b - b.actInv(v_a)).action @ A_b) - rate_a
+        return A[rows], A_rate[rows]
 
-    def error(
-        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
-    ) -> np.ndarray:
+    def error(self, data: pin.Data, at: Sequence[int], angles: np.ndarray) -> np.ndarray:
         """Return the way and the turn from a to b; NaN where they do not meet."""
         if not self.closed:
             return np.full(self.size, np.nan)
@@ -183,11 +173,9 @@ class Coupling:
         A[0, at] = 1.0, -self.ratio
         return A, np.zeros(A.shape)
 
-    def error(
-        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
-    ) -> np.ndarray:
+    def error(self, data: pin.Data, at: Sequence[int], angles: np.ndarray) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
-        own, other = angles_from_configuration(model, q)[at]
+        own, other = angles[at]
         return np.array([own - self.ratio * other - self.offset])
 
 
@@ -195,7 +183,7 @@ Constraint: TypeAlias = Contact | Loop | Coupling
 """Some rows of A: ``size`` of them, ``places`` of its frames in a model, or of its joints in v.
 
 ``at`` returns the rows, with Jacobians, their variation and frames in ``data``; ``error`` by how
-much each row is off at q (nq), NaN where any value will do.
+much each row is off at joint positions (n), NaN where any value will do.
 """
 Part = TypeVar("Part", Contact, Loop)
 
@@ -221,9 +209,9 @@ def parts_of(
     return tuple(found)
 
 
-def _frame_rows(model: pin.Model, data: pin.Data, frame: int) -> Rows:
-    """Return the Jacobian (6, n) of a frame in world axes, and its rate."""
-    given = model, data, frame, pin.LOCAL_WORLD_ALIGNED
+def _frame_rows(model: pin.Model, data: pin.Data, frame: int, axes: pin.ReferenceFrame) -> Rows:
+    """Return the Jacobian (6, n) of a frame in world axes or its own, and its rate."""
+    given = model, data, frame, axes
     return pin.getFrameJacobian(*given), pin.getFrameJacobianTimeVariation(*given)
 
 
@@ -241,8 +229,9 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     still = np.zeros(model.nv)
     for _ in range(_ITERATIONS):
         A, _ = constraints.at(q, still)
+        angles = angles_from_configuration(model, q)
         placed = zip(parts, constraints.places, strict=True)
-        off = np.concatenate([part.error(model, constraints.data, at, q) for part, at in placed])
+        off = np.concatenate([part.error(constraints.data, at, angles) for part, at in placed])
         A, off = A[np.isfinite(off)], off[np.isfinite(off)]
         step = -np.linalg.pinv(A, rcond=DEPENDENT) @ off
         left = np.abs(A @ step).max(initial=0.0)  # of what the joints can change
@@ -395,13 +384,13 @@ class Constraints:
             alpha: [1/s].
         """
         A, _ = self._last[1]
-        rows, rate = np.zeros((2, len(A)))
+        both = np.zeros((2, len(A)))
         x = self._x()
         own = slice(len(A) - 3 * len(self._feet), None)
         u = feet.xd_d - alpha * (x - feet.x_d)
         ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
-        still = feet.stands[:, None]
-        rows[own], rate[own] = np.where(still, 0.0, u).ravel(), np.where(still, 0.0, ud).ravel()
+        both[:, own] = np.where(feet.stands[:, None], 0.0, [u, ud]).reshape(2, -1)
+        rows, rate = both
         return rows, rate
 
     def _x(self) -> np.ndarray:
@@ -426,8 +415,7 @@ class Constraints:
         if stands is not None:
             old = np.where(stands[:, None], old, np.nan)
         way = x - old
-        moved = np.sqrt((way * way).sum(axis=1))
-        moved[np.isnan(moved)] = 0.0
+        moved = np.nan_to_num(np.linalg.norm(way, axis=1))
         return old + way * (dt / _FORGOTTEN), moved
 
     def axes(self, contact: Contact) -> np.ndarray:

@@ -77,21 +77,19 @@ def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray])
     return np.array(rows)
 
 
-def conditioning(
-    model: pin.Model, data: pin.Data, frames: Sequence[int], rows: slice, q: np.ndarray
-) -> tuple[float, float]:
-    """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
-    singular = np.linalg.svd(_jacobian(model, data, frames, rows, q), compute_uv=False)
-    return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
-
-
-def _jacobian(
-    model: pin.Model, data: pin.Data, frames: Sequence[int], rows: slice, q: np.ndarray
+def singular_values(
+    model: pin.Model, frames: Sequence[int], rows: slice, configurations: Iterable[np.ndarray]
 ) -> np.ndarray:
-    """Return rows of the Jacobians of frames, one after the other."""
-    axes = pin.LOCAL_WORLD_ALIGNED
-    found = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for frame in frames]
-    return np.concatenate(found)
+    """Return the singular values (N, .) of the task Jacobian at configurations (nq).
+
+    It has the ``rows`` of the Jacobians of all frames; the largest comes first.
+    """
+    data, axes = model.createData(), pin.LOCAL_WORLD_ALIGNED
+    J = [
+        [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for frame in frames]
+        for q in configurations
+    ]
+    return np.linalg.svd(np.reshape(J, (len(J), -1, model.nv)), compute_uv=False)
 
 
 def find_home(
@@ -120,15 +118,14 @@ def find_home(
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
-    data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
+    limits, rng = position_limits(model), np.random.default_rng(0)
     lower, upper = position_bounds(model)
     middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
 
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""
         at = [configuration_from_angles(model, angles) for angles in poses]
-        J = [_jacobian(model, data, frames, rows, q) for q in at]
-        found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
+        found = singular_values(model, frames, rows, at)[:, -1]
         found *= (plane.distances(model, frames[0], at) >= room) * np.minimum(
             1.0, _off_limits(limits, poses) / _FAR_OFF
         )
@@ -143,8 +140,8 @@ def find_home(
         around = best + size * half * rng.standard_normal((50, model.nv))
         best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
     home = configuration_from_angles(model, np.round(best, 4))
-    singular, ratio = conditioning(model, data, frames, rows, home)
-    if ratio < 1e-6:
+    ((largest, *_, smallest),) = singular_values(model, frames, rows, [home])
+    if smallest < 1e-6 * max(largest, np.finfo(float).tiny):
         names = "', '".join(str(model.frames[frame].name) for frame in frames)
         raise RobotError(
             f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
@@ -157,7 +154,7 @@ def find_home(
         if (
             _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
             and plane.distances(model, frames[0], [q])[0] >= room
-            and conditioning(model, data, frames, rows, q)[0] >= _NEARLY * singular
+            and singular_values(model, frames, rows, [q])[0, -1] >= _NEARLY * smallest
         ):
             return np.asarray(q)
     return home
@@ -177,7 +174,7 @@ def _off_limits(limits: Bounds, angles: np.ndarray) -> np.ndarray:
     It is infinite if no joint has limits.
     """
     limited = np.isfinite(limits[0])
-    (low, high) = (limit[limited] for limit in limits)
+    low, high = limits[:, limited]
     at = angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
     return np.min(nearest, axis=-1, initial=np.inf)

@@ -48,7 +48,7 @@ from .constraints import (
     independent,
     parts_of,
 )
-from .home import MountingPlane, conditioning, find_home, home_inside_limits
+from .home import MountingPlane, find_home, home_inside_limits, singular_values
 from .robot import Robot, Visual
 
 FIXED, FREE = "fixed", "free"
@@ -137,12 +137,13 @@ def load(
     instance(frame, str | None, "frame", RobotError)
     if task is not None:
         word(task, (*TASKS, IMAGE, JOINT), "task")
-    named: list[str | None] = [*name_list(frames, "frames", RobotError)]
+    named = name_list(frames, "frames", RobotError)
     if frame is not None and named:
         raise RobotError("give one frame, or several, not both.", where="frames")
     if len(set(named)) != len(named):
         raise RobotError(f"one is given twice in {named}.", where="frames")
-    frame, *others = named or [frame]
+    if frame is not None:
+        named = [frame]
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',
@@ -151,10 +152,10 @@ def load(
         )
     found = describe(source, xacro=xacro, mass=mass)
     free = word(base, (FIXED, FREE), "base") == FREE
-    known = frame or found.frame
+    known = named or name_list(found.frame or (), "frame")
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
-    if others and task in (JOINT, COM):
+    if len(named) > 1 and task in (JOINT, COM):
         raise RobotError(
             "several frames are controlled by their positions or poses, not by the joints or the "
             "centre of mass.",
@@ -166,12 +167,11 @@ def load(
             where="base",
             hint='base="free".',
         )
-    ends = end_links(found.model, found.mimics)
-    hangs = False
-    if known is not None and found.closures:
-        moving = chain_joints(found.model, frame_id(found.model, known))
-        hangs = any(str(found.model.names[joint]) in found.passive for joint in moving)  # in loops
-    whole = free or bool(closed) or hangs or (known is None and task == JOINT)
+    model = found.model
+    ends = end_links(model, found.mimics)
+    moving = chain_joints(model, frame_id(model, known[0])) if known and found.closures else []
+    hangs = any(str(model.names[joint]) in found.passive for joint in moving)  # in loops
+    whole = free or bool(closed) or hangs or (not known and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
@@ -191,10 +191,8 @@ def load(
         free=free,
         constraints=closed + feet,
         passive=idle if whole else (),
-        others=tuple(map(str, others)),
     )
-    one = frame if whole else known
-    robot = make(one) if whole or known else _first_able(make, ends, found.name)
+    robot = make(named if whole else known) if whole or known else _first_able(make, found, ends)
     if gravity is not None:
         robot.model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     if flag(joint_effects, "joint_effects"):
@@ -202,32 +200,32 @@ def load(
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
 
 
-def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:
+def _first_able(
+    make: Callable[[list[str]], Robot], found: Description, ends: Sequence[str]
+) -> Robot:
     """Return the robot of the first end whose chain is able to do the task.
 
     Raises:
         RobotError: no chain is able, then the error of the first; no end; or any other error.
     """
-    refused = []
+    refused = None
     for frame in ends:
         try:
-            return make(frame)
+            return make([frame])
         except RobotError as error:
             if error.where != "task":
                 raise
-            refused.append(error)
-    if refused:
-        raise refused[0]
-    raise RobotError(
+            refused = refused or error
+    raise refused or RobotError(
         "no link is moved by two independent joints or more.",
-        where=name,
+        where=found.name,
         hint='Name a frame, or choose task="joint".',
     )
 
 
 def _load_chain(
     found: Description,
-    frame: str | None,
+    frames: list[str],
     ends: Sequence[str],
     task: str | None,
     locked: Sequence[str],
@@ -235,13 +233,12 @@ def _load_chain(
     free: bool,
     constraints: tuple[Constraint, ...],
     passive: tuple[str, ...],
-    others: tuple[str, ...],
 ) -> Robot:
-    """Return the robot whose chain ends at a frame, or the whole tree; see ``load``.
+    """Return the robot of the chains to some frames, or of the whole tree; see ``load``.
 
     Args:
         found: the description.
-        frame: None for the whole tree.
+        frames: none for the whole tree.
         ends: other frames at which a chain could end.
         task: its name, or None for the default.
         locked: joints to lock.
@@ -250,21 +247,20 @@ def _load_chain(
             floating base is fixed.
         constraints: loops and contacts, with which the whole tree is kept.
         passive: joints without motors.
-        others: task frames beside the first.
     """
     described = found.model
-    whole = free or bool(constraints) or frame is None
-    joints = list(range(1, described.njoints))
-    floating = [j for j in joints if is_free_flyer(described.joints[j])]
+    whole = free or bool(constraints) or not frames
+    joints = set(range(1, described.njoints))
+    floating = {joint for joint in joints if is_free_flyer(described.joints[joint])}
     locks = {changes.joint_id(described, name, "locked") for name in locked}
     chain = joints
     if not whole:
-        tips = [frame_id(described, str(name)) for name in (frame, *others)]
-        chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
-    keep = [j for j in chain if j not in locks and j not in floating]
+        tips = [frame_id(described, name) for name in frames]
+        chain = {joint for tip in tips for joint in chain_joints(described, tip)}
+    keep = sorted(chain - floating - locks)
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
-        what = "anything" if frame is None else f"frame '{frame}'"
+        what = f"frame '{frames[0]}'" if frames else "anything"
         raise RobotError(
             f"no joint moves {what} relative to the base.",
             where=found.name,
@@ -275,32 +271,30 @@ def _load_chain(
         at = described.joints[joint].idx_q
         reference[at : at + 7] = [0.0] * 6 + [1.0]  # the base's joints say where it is
     model = reduced(described, keep, reference)[0]
-    if frame is None:
+    if not frames:
         links = (str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
-        frame = next(links) if free else (*ends, str(model.frames[-1].name))[0]
+        frames = [next(links) if free else (*ends, str(model.frames[-1].name))[0]]
     model = with_base_joints(model) if free else model
+    tips = [frame_id(model, name) for name in frames]
     check_position_limits(model)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
-    tip = frame_id(model, frame)
     plane = MountingPlane()
-    if not (floating or found.catalogued or whole or others):
-        plane = MountingPlane.of(model, tip, shown)
+    if not (floating or found.frame or whole or len(frames) > 1):
+        plane = MountingPlane.of(model, tips[0], shown)
     if whole:
-        names = {str(described.names[joint]) for joint in keep}
-        follow = (Coupling(name, *of) for name, of in found.mimics.items() if name in names)
-        constraints = *follow, *constraints
-    several = {name: frame_id(model, name) for name in (frame, *others)}
+        follow = [joint for joint in found.mimics if model.existJointName(joint)]
+        constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
     if free:
         chosen = _task_named(task or "pose", model)
         home = np.concatenate([np.zeros(6), shown])
     else:
         poses = [shown, pin.neutral(model)]
-        chosen, home = choose_task(model, [*several.values()], task, poses, plane)
+        chosen, home = choose_task(model, tips, task, poses, plane)
     if isinstance(chosen, ComTask):
-        chosen = replace(chosen, model=model.copy(), frame=tip)
-    if others and isinstance(chosen, FrameTask):
-        chosen = FramesTask.of(chosen, several)
+        chosen = replace(chosen, model=model.copy(), frame=tips[0])
+    if len(frames) > 1 and isinstance(chosen, FrameTask):
+        chosen = FramesTask.of(chosen, dict(zip(frames, tips, strict=True)))
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     home = consistent(model, home, constraints)
@@ -315,13 +309,13 @@ def _load_chain(
     robot = Robot(
         found.name,
         model,
-        frame,
+        frames[0],
         chosen,
         home,
         Friction().of(model),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
-        ends=tuple(end for end in ends if end not in (frame, *others)),
-        locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
+        ends=tuple(end for end in ends if end not in frames),
+        locked=tuple(str(described.names[j]) for j in sorted(joints - floating - {*keep})),
         welded=bool(floating) and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
@@ -333,7 +327,7 @@ def _load_chain(
         J = np.eye(model.nv)[robot.motors]
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
     elif isinstance(chosen, FramesTask | ComTask):
-        J = chosen.linear_map(model, model.createData(), tip, home)[1]
+        J = chosen.linear_map(model, model.createData(), tips[0], home)[1]
     A, _ = robot.constrained.at(home, np.zeros(model.nv))
     both = np.vstack([J, A])
     if len(J) and np.linalg.matrix_rank(both, DEPENDENT * np.linalg.norm(both)) < len(both):
@@ -349,14 +343,13 @@ def _load_chain(
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
     model, names = robot.model, robot.joint_names
-    every = {} if robot.origin is None else robot.origin.urdf.joint_effects()
-    own = {joint: every.get(joint, {}) for joint in names}
-    armature = [own[n].get("armature", x) for n, x in zip(names, model.armature, strict=True)]
-    special: Any = {
-        attribute: {joint: own[joint][attribute] for joint in names if attribute in own[joint]}
-        for attribute in FRICTION_ATTRIBUTES
-    }
-    friction = Friction(np.array(model.damping), np.array(model.friction), **special)
+    stated = dict[str, Any]()
+    if robot.origin is not None:
+        for attribute in ("armature", *FRICTION_ATTRIBUTES):
+            stated[attribute] = robot.origin.urdf.joint_effect(attribute, names)
+    rotors = stated.pop("armature", {})
+    armature = [rotors.get(n, x) for n, x in zip(names, model.armature, strict=True)]
+    friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
     return robot.changed(armature=armature, friction=friction)
 
 
@@ -376,7 +369,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
     found = []
     for index, frame in enumerate(model.frames):
-        if frame.type in ENDS and (index not in parents or carried[index] >= 2):
+        if frame.type in ENDS:
             joint = frame.parentJoint
             name = str(frame.name)
             chain = chain_joints(model, index)
@@ -455,18 +448,18 @@ def choose_task(
         if not isinstance(chosen, FrameTask):
             return 0.0, chosen, home_inside_limits(model, poses)
         home = find_home(model, frames, chosen.rows, poses, plane)
-        return conditioning(model, model.createData(), frames, chosen.rows, home)[1], chosen, home
+        ((largest, *_, smallest),) = singular_values(model, frames, chosen.rows, [home])
+        return smallest / largest, chosen, home
 
-    found = []
-    try:
-        return with_home(task or "xyz")[1:]
-    except RobotError as error:
-        refused = error
-    for name in PLANES if task is None and len(frames) == 1 else ():
+    found = list[tuple[float, Task, np.ndarray]]()
+    planes = PLANES if task is None and len(frames) == 1 else ()
+    for name in (task or "xyz", *planes):
         try:
             found.append(with_home(name))
         except RobotError as error:
             refused = error
+        if found and name == "xyz":
+            break
     if not found:
         raise refused
     return max(found, key=lambda each: each[0])[1:]

@@ -311,12 +311,14 @@ class Robot(Printed):
             placement.translation += placement.rotation @ shift
         if armature is not None:
             model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
-        usual = (("viscous", viscous), ("coulomb", coulomb))
-        own: Any = {name: value for name, value in usual if value is not None}
         drag = self.friction if friction is None else friction
-        if friction is not None or own:
-            drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
-        return replace(self, model=model, friction=drag, loads=loads)
+        drag = instance(drag, Friction, "friction", RobotError)
+        drag = replace(
+            drag,
+            viscous=drag.viscous if viscous is None else viscous,
+            coulomb=drag.coulomb if coulomb is None else coulomb,
+        )
+        return replace(self, model=model, friction=drag.of(model), loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Return this robot with x in the axes of a tracker that stands somewhere.
@@ -554,7 +556,7 @@ class Succession:
 
     def index(self, t: ArrayLike) -> np.ndarray:
         """Return the index of the robot at each time t (N) [s]."""
-        return np.searchsorted(np.array(self.times), numbers(t, "t") + EARLY, side="right")
+        return np.searchsorted(self.times, numbers(t, "t") + EARLY, side="right")
 
     @property
     def words(self) -> tuple[tuple[float, str], ...]:

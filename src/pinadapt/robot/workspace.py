@@ -250,8 +250,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
             return None
         if robot.contacts and not _balanced(tool, data, q):
             return None
-        offset = np.zeros(task.size)
-        offset[:m] = np.tile(position - at[0], count)
+        offset = np.append(np.tile(position - at[0], count), np.zeros(task.size - m))
         x = task.at(model, data, tool.frame_id, q)
         to_go = np.zeros(len(J))  # constraints hold
         to_go[: task.size] = arms * task.error(task.moved(start, offset), x)
@@ -286,9 +285,9 @@ def _balanced(robot: Robot, data: pin.Data, q: np.ndarray) -> bool:
 
 
 def _edges(contact: Contact, place: pin.SE3) -> np.ndarray:
-    """Return the point, or the corners of the sole (4), of a contact in a place (., 2) [m]."""
+    """Return the corners (4, 2) [m] of the sole of a contact in a place; of a point its place."""
     length, width = contact.sole or (0.0, 0.0)
-    signs = product((-1.0, 1.0), repeat=2) if contact.sole else [(0.0, 0.0)]
+    signs = product((-1.0, 1.0), repeat=2)
     return np.array([place.act(np.array([a * length, b * width, 0.0]))[:2] for a, b in signs])
 
 

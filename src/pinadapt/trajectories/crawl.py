@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired, DesiredSteps, Feet
-from .trajectory import Quintic, Trajectory, moves
+from .trajectory import Piecewise, Trajectory, moves
 
 # of the largest possible distance to the edges of the triangle of support; half and twice: an A1
 # with 6 kg that nobody announced crawls with the same error of the trunk, and its motors give 16
@@ -37,7 +37,7 @@ class Crawl(Trajectory):
     exact = True
     _start: np.ndarray
     _order: list[int]
-    _plan: Any = None  # a ``Quintic`` of trunk and feet
+    _plan: Any = None  # a ``Piecewise`` of trunk and feet
 
     def __init__(
         self,
@@ -81,24 +81,20 @@ class Crawl(Trajectory):
         planned._start = start = robot.position(robot.q0)
         offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
         planned._order = [order[i % 4] for i in range(self.steps)]
-        # trunk and feet at the ends of all parts, (2 steps + 2, 3) and (2 steps + 2, 4, 3)
-        trunk, placed = [start[:3]], [feet]
+        ends = [np.append(start[:3], feet)]  # trunk and feet (15) at the ends of all parts
+        middle = feet.mean(axis=0)
         for foot in planned._order:
             above = np.append(_inside(np.delete(feet[:, :2], foot, axis=0)) - offset, start[2])
-            feet = feet.copy()
+            ends.append(np.append(above, feet))
             feet[foot, 0] += self.length
-            trunk += [above, above]
-            placed += [placed[-1], feet]
-        trunk.append(start[:3] + (feet - placed[0]).mean(axis=0))
-        placed.append(feet)
-        x = np.concatenate([trunk, np.reshape(placed, (len(placed), 12))], axis=1)
+            ends.append(np.append(above, feet))
+        ends.append(np.append(start[:3] + feet.mean(axis=0) - middle, feet))
+        x = np.array(ends)
         T = np.append(np.tile([self.shift, self.swing], self.steps), self.shift)
-        power = np.concatenate([np.zeros((1, len(T), 15)), moves(x, T)])
-        # a foot rises by 64 height (u (1 - u))^3, u = t / swing
-        rise = np.array([-1.0, 3.0, -3.0, 1.0]) / self.swing ** np.arange(6.0, 2.0, -1.0)
+        t, rise = np.append(0.0, np.cumsum(T)), np.zeros((len(T), 15))
         for k, foot in enumerate(planned._order):
-            power[:4, 2 * k + 1, 5 + 3 * foot] += 64.0 * self.height * rise
-        planned._plan = Quintic(np.append(0.0, np.cumsum(T)), x, power)
+            rise[2 * k + 1, 5 + 3 * foot] = self.height
+        planned._plan = Piecewise(t, x, moves(x, t, rise))
         return planned
 
     def shifted(self, by: ArrayLike) -> Trajectory:

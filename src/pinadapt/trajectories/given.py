@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -14,7 +13,7 @@ from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
-from .trajectory import Quintic, Trajectory
+from .trajectory import Piecewise, Trajectory
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
@@ -65,8 +64,8 @@ class Function(Trajectory):
         """Return the first two derivatives (m) at t of the polynomial through the nodes."""
         before = min(_NODES // 2, int(max(t, 0.0) / STEP))
         others = np.array([k for k in range(-before, _NODES - before) if k])
-        others_x = [_coordinates(self._f(t + k * STEP), t)[0] for k in others.tolist()]
-        away = np.array([self._difference(x, x_d) for x in others_x])
+        others_x = (_coordinates(self._f(t + k * STEP), t)[0] for k in others.tolist())
+        away = [self._difference(x, x_d) for x in others_x]
         c = np.linalg.solve(np.vander(others, _NODES, increasing=True)[:, 1:], away)
         return c[0] / STEP, 2.0 * c[1] / STEP**2
 
@@ -94,7 +93,7 @@ def _coordinates(value: Any, t: float) -> list[np.ndarray]:
         ) from error
 
 
-class Spline(Quintic):
+class Spline(Piecewise):
     """The spline of degree five through positions at given times; four continuous derivatives.
 
     Before the first time and after the last one the motion rests at the first and last position;
@@ -134,9 +133,7 @@ class Spline(Quintic):
 
         still = [(order, np.zeros(x.shape[1])) for order in (1, 2)]
         with arithmetic("trajectory.t"):
-            spline = make_interp_spline(t, x, 5, bc_type=(still, still))
-            power = [spline(t[:-1], order) / math.factorial(order) for order in range(5, -1, -1)]
-            super().__init__(t, x, np.array(power))
+            super().__init__(t, x, make_interp_spline(t, x, 5, bc_type=(still, still)))
 
 
 def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarray]:
@@ -188,9 +185,7 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
         InputError: another kind of object, a wrong number of coordinates, numbers that are not
             finite, or times that do not increase.
     """
-    if isinstance(given, Trajectory):
-        motion = given
-    elif task is None:
+    if task is None:
         motion = converted(given)
     else:
         turning = task.continuous if isinstance(task, JointTask) else ()
@@ -205,7 +200,7 @@ def converted(
     quaternion: bool = False,
     turning: tuple[bool, ...] = (),
 ) -> Trajectory:
-    """Return a motion that is not yet a ``Trajectory`` as one, without a check of its start.
+    """Return a user's motion as a ``Trajectory``, without a check of its start.
 
     Args:
         given: as in ``as_trajectory``.
@@ -216,6 +211,8 @@ def converted(
     Raises:
         InputError: another kind of object, or samples that do not make a spline.
     """
+    if isinstance(given, Trajectory):
+        return given
     function = getattr(given, "at", given)
     if callable(function) and not isinstance(given, type):
         return Function(function, difference)

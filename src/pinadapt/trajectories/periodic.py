@@ -28,7 +28,6 @@ class _Harmonic(Trajectory):
     """
 
     center: np.ndarray
-    _unplaced: dict[str, Any] | None = None
 
     def _take(
         self,
@@ -86,11 +85,8 @@ class _Sines(_Harmonic):
         self,
         center: ArrayLike | None,
         sines: dict[str, Any],
-        given: dict[str, Any] | None = None,
     ) -> None:
         """Take centre and, by name, amplitude, period, phase and cycles, each (m) or one for all.
-
-        ``given`` are the arguments that are kept where there is no centre; None: the same.
 
         Raises:
             InputError: lists of different sizes, numbers that are not finite, or periods that are
@@ -105,7 +101,7 @@ class _Sines(_Harmonic):
         A, phase = parts["amplitude"], parts["phase"]
         self.amplitude, self.extent = A, float(np.linalg.norm(A))
         cosine, sine = np.diag(A * np.sin(phase)), np.diag(A * np.cos(phase))
-        self._take(parts.get("center"), w, cosine, sine, sines if given is None else given)
+        self._take(parts.get("center"), w, cosine, sine, sines)
 
 
 class Circle(_Sines):
@@ -147,10 +143,11 @@ class Circle(_Sines):
         axes = ["xyz".index(axis) for axis in plane]
         amplitude, phases = np.zeros(size), np.zeros(size)
         amplitude[axes], phases[axes] = self.radius, (self.phase + 0.5 * math.pi, self.phase)
-        given = {"radius": radius, "period": period, "plane": plane, "phase": phase}
         sines = {"amplitude": amplitude, "period": self.period, "phase": phases}
-        self._take_sines(center, sines, given)
+        self._take_sines(center, sines)
         self.extent = self.radius
+        if center is None:
+            self._unplaced = {"radius": radius, "period": period, "plane": plane, "phase": phase}
 
 
 class Lissajous(_Sines):

@@ -74,13 +74,9 @@ class Swing(Trajectory):
         self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
         self.period = positive(period, "orientation.period")
         self.phase = float(vector(phase, 1, "orientation.phase")[0])
-        self._own = quaternion is not None
+        self._unplaced = quaternion is None
         own = UPRIGHT if quaternion is None else quaternion
         self.quaternion = unit_quaternion(own, "orientation.quaternion")
-
-    def placed(self, start: np.ndarray) -> Trajectory:
-        """Return the motion that begins at the quaternion ``start`` (4), if it has none."""
-        return self if self._own else self.starting_at(start)
 
     def at(self, t: float) -> Desired:
         """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
@@ -184,9 +180,14 @@ def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
 
 
 class PoseCircle(PoseTrajectory):
-    """A pose trajectory whose position is a circle, with the numbers of that circle."""
+    """A pose trajectory whose position is a circle, with the numbers of that circle.
 
-    position: Circle
+    Attributes:
+        radius: [m].
+        period: of a turn [s].
+        plane: the two world axes that span it.
+        phase: angle at time 0, from the first of them [rad].
+    """
 
     def __init__(self, position: Circle, orientation: TrajectoryLike | ArrayLike = UPRIGHT) -> None:
         """Take the circle (3 coordinates), and an orientation as in ``PoseTrajectory``.
@@ -195,26 +196,8 @@ class PoseCircle(PoseTrajectory):
             InputError: a circle in two coordinates, or a quaternion that is not of length 1.
         """
         super().__init__(position, orientation)
-
-    @property
-    def radius(self) -> float:
-        """Radius [m]."""
-        return self.position.radius
-
-    @property
-    def period(self) -> float:
-        """Period of a turn [s]."""
-        return self.position.period
-
-    @property
-    def plane(self) -> str:
-        """The two world axes that span it."""
-        return self.position.plane
-
-    @property
-    def phase(self) -> float:
-        """Angle at time 0, from the first of them [rad]."""
-        return self.position.phase
+        self.radius, self.period = position.radius, position.period
+        self.plane, self.phase = position.plane, position.phase
 
 
 def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:
@@ -238,12 +221,9 @@ def _orientation(given: Any) -> Trajectory:
     Raises:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
-    if isinstance(given, Trajectory):
-        motion = given
-    elif isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
+    if isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
         return FixedOrientation(given)
-    else:
-        motion = converted(given, rotation_between, quaternion=True)
+    motion = converted(given, rotation_between, quaternion=True)
     start = as_trajectory(motion).at(0.0)
     unit_quaternion(start.x_d, "orientation")
     for rates in start[1:]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -43,11 +44,11 @@ class Stacked(Trajectory):
             )
         ((coordinates, rows),) = sizes
         self._positions = rows if rows == coordinates else rows - 3
-        extents = [motion.extent for motion in self.motions if motion.extent is not None]
-        times = [motion.settles for motion in self.motions if motion.settles is not None]
-        if len(extents) == len(self.motions):
+        extents: list[Any] = [motion.extent for motion in self.motions]
+        times: list[Any] = [motion.settles for motion in self.motions]
+        if None not in extents:
             self.extent = float(np.linalg.norm(extents))
-        if len(times) == len(self.motions):
+        if None not in times:
             self.settles = max(times)
 
     def _at(self, t: float) -> list[Desired]:

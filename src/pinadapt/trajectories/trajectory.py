@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from copy import copy
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,9 @@ from ..exceptions import InputError
 from ..records import Desired, Measurement
 from ..tasks.frame import rotation_between, turned
 from ..tasks.task import Task
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
 
 # [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
 LONGEST_RAMP, _LOOKS = 5.0, 250
@@ -43,6 +48,7 @@ class Trajectory(ABC):
     exact: bool = False
     extent: float | None = None
     settles: float | None = None
+    _unplaced: Any = None  # if it has no place yet, see ``placed``
 
     @abstractmethod
     def at(self, t: float) -> Desired:
@@ -101,13 +107,14 @@ class Trajectory(ABC):
         """
         here, speed, _ = self.at(0.0)
         start, n = vector(start, here.size, "start"), _vector_rows(here, speed)
-        pairs = zip(start[n:].reshape(-1, 4), here[n:].reshape(-1, 4), strict=True)
-        turns = [rotation_between(*both) for both in pairs]
-        return self.shifted(np.append(start[:n] - here[:n], turns))
+        turns = map(rotation_between, start[n:].reshape(-1, 4), here[n:].reshape(-1, 4))
+        return self.shifted(np.append(start[:n] - here[:n], [*turns]))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins where the robot is, ``start``, if it has no place yet."""
-        return self
+        if not self._unplaced or start.size != self.at(0.0).x_d.size:
+            return self  # a check of the start refuses a motion of another size
+        return self.starting_at(start)
 
     def positions(self, times: np.ndarray) -> np.ndarray:
         """Return the coordinates x_d, one row for each of the times (N) [s], N >= 1."""
@@ -144,20 +151,13 @@ class _Shifted(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
-        if x_d.size == xd_d.size:
-            return Desired(x_d + by, xd_d, xdd_d)
-        n = _vector_rows(x_d, xd_d)
-        turns = by[n:].reshape(-1, 3)
-        pairs = zip(x_d[n:].reshape(-1, 4), turns, strict=True)
-        x = np.append(x_d[:n] + by[:n], [turned(*both) for both in pairs])
-
-        def rotated(rates: np.ndarray) -> np.ndarray:
-            """Return velocities or accelerations with the angular ones turned."""
-            angular = zip(turns, rates[n:].reshape(-1, 3), strict=True)
-            return np.append(rates[:n], [pin.exp3(turn) @ rate for turn, rate in angular])
-
-        return Desired(x, rotated(xd_d), rotated(xdd_d))
+        x_d, *rates = self.motion.at(t)
+        n = _vector_rows(x_d, rates[0])
+        turns = self._by[n:].reshape(-1, 3)
+        x = [x_d[:n] + self._by[:n], *map(turned, x_d[n:].reshape(-1, 4), turns)]
+        R = [pin.exp3(turn) for turn in turns]
+        moved = ([rate[:n], *map(np.matmul, R, rate[n:].reshape(-1, 3))] for rate in rates)
+        return Desired(*map(np.concatenate, [x, *moved]))
 
 
 class Retimed(Derived):
@@ -210,7 +210,7 @@ class Hold(Trajectory):
         Raises:
             InputError: coordinates that are not finite numbers.
         """
-        self._own = point is not None
+        self._unplaced = point is None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
         self._rest = np.zeros(self.point.size)
 
@@ -223,15 +223,15 @@ class Hold(Trajectory):
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
-        return self if self._own else Hold(start)
+        return Hold(start) if self._unplaced else self
 
     def at(self, t: float) -> Desired:
         """Return the point, at rest."""
         return Desired(self.point, self._rest, self._rest)
 
 
-class Quintic(Trajectory):
-    """Polynomials of degree five between given times; at rest before the first and after the last.
+class Piecewise(Trajectory):
+    """Polynomials between given times; at rest before the first and after the last.
 
     Attributes:
         t: (N) the times [s].
@@ -240,22 +240,20 @@ class Quintic(Trajectory):
 
     settles: float
 
-    def __init__(self, t: np.ndarray, x: np.ndarray, power: np.ndarray) -> None:
-        """Take times (N), positions (N, m) and coefficients (k, N - 1, m), the highest first."""
-        from scipy.interpolate import PPoly  # not needed to load a robot
-
-        self.t, self.x, self.settles = t, x, float(t[-1])
+    def __init__(self, t: np.ndarray, x: np.ndarray, path: Callable[..., np.ndarray]) -> None:
+        """Take times (N), positions (N, m), and (time, order) -> derivative (m) of this order."""
+        self.t, self.x, self.settles, self._path = t, x, float(t[-1]), path
         self.extent = 0.5 * float(np.linalg.norm(np.ptp(x, axis=0)))  # half the diagonal of its box
-        self._path = PPoly(power, t)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
         inside = min(max(t, self.t[0]), self.t[-1])
         x_d, xd_d, xdd_d = (self._path(inside, order) for order in range(3))
-        return Desired(x_d, xd_d, xdd_d) if inside == t else Desired(x_d, 0.0 * xd_d, 0.0 * xdd_d)
+        moving = 1.0 if inside == t else 0.0
+        return Desired(x_d, moving * xd_d, moving * xdd_d)
 
 
-class Waypoints(Quintic):
+class Waypoints(Piecewise):
     """Minimum-jerk segments from point to point, at rest in each; the last point is held.
 
     T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985.
@@ -281,7 +279,7 @@ class Waypoints(Quintic):
                 positive.
         """
         self.points = numbers(points, "trajectory.points")
-        self._relative = flag(relative, "trajectory.relative")
+        self._unplaced = flag(relative, "trajectory.relative")
         if relative and self.points.ndim == 2:
             self.points = np.vstack([np.zeros(self.points.shape[1]), self.points])
         if self.points.ndim != 2 or len(self.points) < 2:
@@ -291,21 +289,18 @@ class Waypoints(Quintic):
             )
         self.segment = positive(segment, "trajectory.segment")
         t = self.segment * np.arange(len(self.points))
-        super().__init__(t, self.points, moves(self.points, np.full(len(t) - 1, self.segment)))
-
-    def placed(self, start: np.ndarray) -> Trajectory:
-        """Return the motion that begins at ``start`` (m), if its points are offsets."""
-        fits = start.size == self.points.shape[1]  # else a check of the start refuses the motion
-        return self.starting_at(start) if self._relative and fits else self
+        super().__init__(t, self.points, moves(self.points, t))
 
 
-def moves(x: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Return the coefficients (6, N - 1, m) of minimum-jerk moves through x (N, m) in T (N - 1)."""
-    shape = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
-    scale = shape[:, None] / T ** np.arange(5.0, -1.0, -1.0)[:, None]
-    power = scale[:, :, None] * np.diff(x, axis=0)
-    power[5] = x[:-1]
-    return power
+def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> BPoly:
+    """Return minimum-jerk moves through x (N, m) at times t (N), polynomials of degree six.
+
+    ``bumps`` (N - 1, m) are added in the middle of the moves, as 64 (u (1 - u))^3, u from 0 to 1.
+    """
+    from scipy.interpolate import BPoly  # not needed to load a robot
+
+    a, b = x[:-1], x[1:]
+    return BPoly([a, a, a, (a + b) / 2.0 + 3.2 * np.asarray(bumps), b, b, b], t)
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
