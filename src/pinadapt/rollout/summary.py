@@ -64,10 +64,7 @@ _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_ide
 def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
-    prediction = None
-    if found is not None:
-        shares = {"share_first": found.share_first, "share_last": found.share_last}
-        prediction = {**asdict(found), **shares}
+    prediction = None if found is None else asdict(found)
     numbers = {
         "verdict": "",  # follows from the others
         "error_share": run.error_share,
