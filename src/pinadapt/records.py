@@ -287,15 +287,14 @@ class Sensors:
         """
         counts = vector(self.encoder, nv, "sensors.encoder")
         differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
-        camera = self.camera
-        rate = 1.0 / dt if camera is None or camera.rate is None else min(camera.rate, 1.0 / dt)
-        age = 0.0 if camera is None else camera.delay + 1.0 / rate
+        camera = self.camera or Camera()
+        rate = min(camera.rate or math.inf, 1.0 / dt)
+        age = 0.0 if self.camera is None else camera.delay + 1.0 / rate
         tau = 0.0
         if self.torque_offset is not None:
             offset = vector(self.torque_offset, nv, "sensors.torque_offset")
-            tau = float(
-                np.hypot(offset, vector(self.noise.get("tau", 0.0), nv, "sensors.noise.tau")).max()
-            )
+            noise = vector(self.noise["tau"], nv, "sensors.noise.tau")
+            tau = float(np.hypot(offset, noise).max())
         v = math.hypot(self.deviation("v"), differenced)
         return SensorQuality(v, self.deviation("x"), rate, age, tau)
 

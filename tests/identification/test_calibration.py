@@ -55,7 +55,7 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
     def moved(step):
         geometry = _Geometry(robot, parts, pin.SE3.Identity())
         geometry.move(step)
-        at = geometry.robot(robot, "").placement(q)
+        at = geometry.robot("").placement(q)
         return np.concatenate([at.translation, pin.log3(at.rotation @ matrix(x[3:]).T)])
 
     geometry = _Geometry(robot, parts, pin.SE3.Identity())

@@ -72,8 +72,8 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
     rollout = make()
     slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
     short = (Shortfall(0.03, 0.04, "contact of foot", 12.0),)
-    rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)
-    rollout = replace(rollout, infeasible=short)
+    rollout = replace(rollout, unadapted=0.01)
+    vars(rollout).update(path_time=0.5 * rollout.t, slowed=slowed, infeasible=short)
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
     for name in RECORDED + COMPUTED:

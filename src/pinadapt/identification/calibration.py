@@ -137,7 +137,9 @@ class Calibration(Printed):
         rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
         end = f".{_OWN}"
         return {
-            name[: -len(end)]: (value, known) for name, value, known in rows if name.endswith(end)
+            name.removesuffix(end): (value, known)
+            for name, value, known in rows
+            if name.endswith(end)
         }
 
     @property
@@ -255,7 +257,7 @@ def calibrate(
     R = np.linalg.qr(np.vstack([rows, np.eye(len(placements.names))]), mode="r")
     return Calibration(
         described=described,
-        robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
+        robot=whole.robot(f"Placements calibrated from frames of {name}."),
         tracker=whole.tracker() if tracker else None,
         names=placements.names,
         estimate=whole.value(),
@@ -444,23 +446,23 @@ class _Geometry:
     """A chain whose unknown placements are moved.
 
     Attributes:
+        described: the robot as described.
         unknown: the displacements, p parameters.
-        reach: of the robot [m].
+        model: the chain, its base in the axes of x.
     """
 
     def __init__(self, robot: Robot, unknown: _Unknown, base: pin.SE3) -> None:
         """Use the unknown placements of a robot, its base at a placement in the axes of x."""
-        self.model, self._frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
+        self.described, self.unknown, self.model = robot, unknown, robot.model.copy()
         move_base(self.model, base)
-        self._data, self.unknown = self.model.createData(), unknown
-        self._described = self.model.copy()
-        self._first = robot.model.jointPlacements[FIRST].copy()
+        self._data = self.model.createData()
 
     def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
         """Yield the mask (p) of each placement's parameters, and views of it in both models."""
         for joint in np.unique(self.unknown.joints).tolist():
             of = None if joint == model.njoints else joint
-            now, other = (placement_of(one, self._frame, of) for one in (self.model, model))
+            frame = self.described.frame_id
+            now, other = (placement_of(one, frame, of) for one in (self.model, model))
             yield self.unknown.joints == joint, now, other
 
     def move(self, step: np.ndarray) -> None:
@@ -468,7 +470,6 @@ class _Geometry:
         for own, place, _ in self._placements(self.model):
             moved = place * pin.exp6(self.unknown.axes[:, own] @ step[own])
             place.translation, place.rotation = moved.translation, moved.rotation
-        self._data = self.model.createData()
 
     def value(self) -> np.ndarray:
         """Return how far each placement is from the description (p) [m or rad].
@@ -476,22 +477,23 @@ class _Geometry:
         That of a tracker is the placement of the base in its axes.
         """
         found, axes, tracked = np.zeros(len(self.unknown.names)), *self.unknown[2::3]
-        for own, now, described in self._placements(self._described):
+        for own, now, described in self._placements(self.described.model):
             found[own] = axes[:, own].T @ _shift_and_turn(described.actInv(now))
         found[tracked] = _shift_and_turn(self.tracker())[: np.count_nonzero(tracked)]
         return found
 
-    def robot(self, described: Robot, remark: str) -> Robot:
-        """Return a described robot with these placements, but for that of the tracker."""
-        model = described.model.copy()
+    def robot(self, remark: str) -> Robot:
+        """Return the described robot with these placements, but for that of the tracker."""
+        model = self.described.model.copy()
         for own, now, place in self._placements(model):
             if not self.unknown.tracked[own].any():
                 place.translation, place.rotation = now.translation, now.rotation
-        return replace(described, model=model, remark=remark)
+        return replace(self.described, model=model, remark=remark)
 
     def tracker(self) -> pin.SE3:
         """Return the placement of the base in the axes of x, the first joint as described."""
-        return self.model.jointPlacements[FIRST] * self._first.inverse()
+        described = self.described.model.jointPlacements[FIRST]
+        return self.model.jointPlacements[FIRST] * described.inverse()
 
     def rows(self, seen: _MeasuredFrames) -> tuple[np.ndarray, np.ndarray]:
         """Return measured less modelled coordinates of frames, and their regressors.
@@ -501,13 +503,12 @@ class _Geometry:
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
         model, data, unknown = self.model, self._data, self.unknown
+        frame = self.described.frame_id
         r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(unknown.names)))
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
-            at = pin.updateFramePlacement(model, data, self._frame)
-            K = pin.computeFrameKinematicRegressor(
-                model, data, self._frame, pin.LOCAL_WORLD_ALIGNED
-            )
+            at = pin.updateFramePlacement(model, data, frame)
+            K = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
             K = np.hstack([K, np.kron(np.eye(2), at.rotation)]).reshape(6, -1, 6)
             W[k] = np.einsum("ipk,kp->ip", K[:, unknown.joints - 1], unknown.axes)
             r[k, :3] = x[:3] - at.translation
@@ -553,19 +554,18 @@ def _fitted(
         LogError: too few frames, or too many that do not fit.
     """
     prior, m = geometry.unknown.prior, seen.task.size
-    groups = [group.rows for group in seen.task.groups]
-    least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
+    least = np.array([LEAST_NOISE * geometry.described.reach, LEAST_NOISE])[: m // 3]
 
     def fit() -> tuple[np.ndarray, ...]:
         """Return the equations at the placements as they are."""
         r, W = geometry.rows(seen)
-        squares = np.column_stack([np.mean(r[:, part] ** 2, axis=1) for part in groups])
+        squares = np.mean(r.reshape(len(r), -1, 3) ** 2, axis=2)
         most = np.maximum(_OUTLIER**2 * np.median(squares, axis=0), least**2)
         kept = (squares <= most).all(axis=1) | (known is not None)
         noise = np.maximum(
             np.sqrt(np.mean(squares[kept], axis=0)) if known is None else known, least
         )
-        sigma = np.repeat(noise, [part.stop - part.start for part in groups])
+        sigma = np.repeat(noise, 3)
         rows, left = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior)), r[kept] / sigma
         squared = np.linalg.svd(rows, compute_uv=False) ** 2
         rank = float(np.sum(squared / (1.0 + squared)))
@@ -620,5 +620,5 @@ def _identified(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
     r, _ = geometry.rows(seen)
-    distances, *turns = (np.linalg.norm(r[:, group.rows], axis=1) for group in seen.task.groups)
+    distances, *turns = np.linalg.norm(r.reshape(len(r), -1, 3), axis=2).T
     return FrameErrors(rms(distances), float(distances.max()), rms(turns[0]) if turns else None)

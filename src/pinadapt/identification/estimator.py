@@ -27,6 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import flag, instance, positive
+from ..controller.inputs import InputCheck
 from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ImplausibleError, MeasurementError
 from ..information.information import rms
@@ -36,12 +37,13 @@ from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
+from ..models.task_kinematics import JointKinematics
 from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import FREE, LIGHT, WEIGHT, lasting_noise
+from .fits import FREE, LIGHT, TINY, WEIGHT, lasting_noise, noise_levels
 from .selection import LEAST_GAIN, with_shafts
 
 # [s] before and after a sample; half and twice: held-out errors of real logs the same to 2 %
@@ -62,10 +64,6 @@ _SHAKE = 0.2  # [rad or m], once a second; half and twice name the same joint
 _KNOWN = 0.1
 _DRY = "coulomb", "gear_friction", "asymmetry"
 _GEAR = _DRY.index("gear_friction")
-# Shares of a torque: its noise before there are residuals, with the weight of one window, and the
-# least. Half of the first: a UR10's error is 38 % larger; twice: deviations of a new load are half
-# as large again. Half and twice the second: the same.
-_LEVELS = 0.05, 1e-4
 
 
 class Window(NamedTuple):
@@ -75,13 +73,11 @@ class Window(NamedTuple):
         W: (n, c) regressor.
         y: (n) torque without its known part [N m or N].
         tau: (n) torque [N m or N].
-        rest: (n) share of the time in which a joint stands.
     """
 
     W: np.ndarray
     y: np.ndarray
     tau: np.ndarray
-    rest: np.ndarray
 
 
 class _Rows(NamedTuple):
@@ -105,15 +101,15 @@ class _Prediction(NamedTuple):
 
     Attributes:
         a: (p) parameters.
-        columns: (k, 1 + p) of each joint; [W y] times the first one is the residual of a window,
-            times the others a root of that residual's covariance.
+        columns: (e, 1 + p); the equations times the first one are the residual of a window, times
+            the others a root of that residual's covariance.
         noise: (n) of the torque of a window [N m or N].
         lasting: (n) the same, as if windows were independent.
         windows: that are in it.
     """
 
     a: np.ndarray
-    columns: list[np.ndarray]
+    columns: np.ndarray
     noise: np.ndarray
     lasting: np.ndarray
     windows: int
@@ -122,13 +118,15 @@ class _Prediction(NamedTuple):
 class EstimatorState(NamedTuple):
     """All that an ``Estimator`` remembers; its arrays are never written.
 
+    Windows have c columns and y; equations have e: c, ten of the load, and y.
+
     Attributes:
         samples: the last ones, as many as positions are smoothed over.
         begin: of the oldest open window [s].
         sums: (3, n, c + 3) over the open windows, the oldest first.
         last: equations at the last two samples, or middle ones; none: windows begin anew.
         products: of the windows with the present load, one for each joint, of its columns.
-        past: (c + 1, c + 1) of all windows with other loads, in units of their noise.
+        past: (e, e) of all windows with other loads, in units of their noise.
         level: (n) sum of the squared torques of accepted windows.
         left: (n) sum of the squared residuals of windows with other loads.
         accepted: windows, those of them with the present load, and refused since the last
@@ -209,8 +207,8 @@ class Estimate:
         for i, name in enumerate(self.robot.joint_names, start=1):
             if name in BASE_JOINTS[:-1]:
                 continue
-            joint = None if name in BASE_JOINTS else model.joint(name)
-            at = model.jnt_bodyid[0 if joint is None else joint.id]
+            joint = model.joint(0 if name in BASE_JOINTS else name)
+            at = model.jnt_bodyid[joint.id]
             label = model.body(at).name
             body = chain.inertias[i]
             if chain.existFrame(label):
@@ -218,7 +216,7 @@ class Estimate:
             model.body_mass[model.body_weldid == at] = 0.0
             model.body_inertia[model.body_weldid == at] = 0.0
             write_inertia(model, at, body)
-            if joint is not None:
+            if name not in BASE_JOINTS:
                 dof = joint.dofadr[0]
                 model.dof_armature[dof] = chain.armature[i - 1]
                 model.dof_damping[dof] = friction.viscous[i - 1]
@@ -274,78 +272,73 @@ class Estimator:
             InputError: words that cannot be used, or parameters that are not of bodies.
         """
         self.robot = instance(robot, Robot, "robot").undrawn()
-        self._constraints = robot.constrained
+        self._constraints, self._inputs = robot.constrained, InputCheck(JointKinematics(robot), 0)
         self.length = max(LENGTH, FEWEST * positive(period, "period"))
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
         self._alone = alone = given.bodies == PAYLOAD
-        joints = [name for name in robot.joint_names if name not in BASE_JOINTS]
-        names = [robot.joint_names[body] for body in sorted({*bodies, carrier})]
-        chosen = replace(given.with_joints(), bodies=names)
+        bodies = sorted({*bodies, carrier})
+        chosen = replace(given.with_joints(), bodies=[robot.joint_names[i] for i in bodies])
         rubbing, tried = list[str](), list[str]()
         if given.friction is None:
-            stated = robot.friction.shafts
-            if not stated:  # a motor may turn with both joints of a wrist
-                self.robot = robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
-            shafts = [part.name(robot.joint_names) for part in robot.friction.shafts]
-            tried = [] if stated else shafts
-            words = [f"{name}.{kind}" for name in joints for kind in KINDS]
-            words += [f"{name}.{kind}" for name in shafts for kind in USUAL]
-            chosen = replace(chosen, friction=False, armature=False, effects=words)
-            rubbing = joints
+            rubbing = [name for name in robot.joint_names if name not in BASE_JOINTS]
+            chosen = replace(chosen, effects=KINDS)
+            if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
+                self.robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
+                tried = [part.name(robot.joint_names) for part in self.robot.friction.shafts]
             ones = np.ones(robot.model.nv)
-            friction = replace(robot.friction, breakaway=ones, fading=FADING * ones)
+            friction = replace(self.robot.friction, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
         self._near = np.flatnonzero(np.isin(robot.joint_names, rubbing))
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
-        first = PER_BODY * names.index(robot.joint_names[carrier])
-        self._own = slice(first, first + PER_BODY)
+        self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
         dry = [dynamics.names.index(f"{name}.{kind}") for name in rubbing for kind in _DRY]
         self._dry = np.array(dry, dtype=int).reshape(-1, len(_DRY))
         # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
         self._fading = np.arange(dynamics.size, carried).reshape(self._dry.shape)
-        self._columns = carried + (PER_BODY if rubbing and not robot.constraints else 0)
-        self._carried = np.arange(carried, self._columns)
+        geared = 0 if robot.constraints else len(rubbing)
+        self._columns = carried + PER_BODY * geared
+        self._carried = np.arange(carried, self._columns).reshape(-1, PER_BODY)
+        # the equations have those of the last body once more, for the load
+        self._loaded = self._columns + np.arange(PER_BODY)
+        self._order = np.insert(np.arange(self._columns + 1), self._columns, self._own)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest
         kept = np.delete(np.arange(dynamics.size), self._own if alone else [])
-        first = size - (dynamics.size - len(kept))
+        first = size - PER_BODY * alone
         self._load = slice(first, first + PER_BODY)
         listed = [dynamics.names[i] for i in kept]
-        self.names = (
-            *listed[:first],
-            *(f"load.{label}" for label in LABELS),
-            *listed[first:],
-            *(f"{name}.breakaway" for name in rubbing),
-        )
-        self._coulomb = [self.names.index(f"{name}.coulomb") for name in rubbing]
+        listed[first:first] = [f"load.{label}" for label in LABELS]
+        self.names = (*listed, *(f"{name}.breakaway" for name in rubbing))
+        self._rubbing = self._dry + first + PER_BODY - size
+        self._gears, self._shares = (part[:geared, [_GEAR]] for part in (self._dry, self._rubbing))
         self._wrist = [self.names.index(f"{name}.{kind}") for name in tried for kind in USUAL]
         p = len(self.names)
-        self._rest = slice(p - len(rubbing), p)
+        self._rest = np.arange(p - len(rubbing), p)
         self._least = np.full(p, -np.inf)  # friction near rest is not negative
         self._least[self._rest] = -1.0
-        # [W y] B are the equations in the parameters, except those of the load
-        self._B = np.zeros((self._columns + 1, p + 1))
-        rest = np.delete(np.arange(p - len(rubbing)), self._load)
-        self._B[kept, rest] = 1.0
+        # the equations times B are those in the parameters, but for products of two of these
+        self._B = np.zeros((len(self._order), p + 1))
+        columns = np.insert(kept, first, self._loaded)
+        self._B[columns, np.arange(len(columns))] = 1.0
         self._B[-1, -1] = 1.0
         if alone:
             self._B[self._own, -1] = -dynamics.initial[self._own]
         self._usual = usual_load(robot)
         center = np.insert(own.center[kept], first, self._usual)
         # the share of a gear may be typical; any dry or viscous friction is likely
-        shares = [name.endswith(".gear_friction") for name in dynamics.names[size:]]
-        weights = np.where(shares, dynamics.initial[size:] / dynamics.typical[size:], LIGHT)
-        weights = weights[: len(weights) - len(own.scales)]
+        above_zero = slice(size, dynamics.size - len(own.scales))
+        shares = [name.endswith(".gear_friction") for name in dynamics.names[above_zero]]
+        typical = dynamics.initial[above_zero] / dynamics.typical[above_zero]
         center[self._wrist] *= LEAST  # hardly any, until the motion shows it
         count = first // PER_BODY
         self._physical = PhysicalSet(
             count + 1,
             np.append(center, np.zeros(len(rubbing))),
-            weights,
+            np.where(shares, typical, LIGHT),
             np.append(np.ones(count), FREE),
             np.append(own.scales, np.ones(len(rubbing))),
         )
@@ -353,18 +346,18 @@ class Estimator:
         # which columns the equation of a joint has
         q, v, _ = random_states(robot.model, 1)[0]
         rows = self._rows(Measurement(0.0, q, v, tau=0.0 * v))
-        found = ((rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints))[:, :-2]
-        found[:, -1] = True
-        self._places = [np.flatnonzero(one) for one in found]
+        found = (rows.M != 0.0) | (rows.F != 0.0) | bool(robot.constraints)
+        found[:, self._columns] = True
+        self._places = [np.flatnonzero(one) for one in found[:, self._order]]
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        self._moving = np.isin(robot.joint_names, joints)
+        self._moving = ~np.isin(robot.joint_names, BASE_JOINTS)
         # what a state has learned at first
-        none, c = np.zeros(robot.model.nv), self._columns + 1
+        none, e = np.zeros(robot.model.nv), len(self._order)
         self._nothing: dict[str, Any] = {
             "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
-            "past": np.zeros((c, c)),
+            "past": np.zeros((e, e)),
             "level": none,
             "left": none,
             "accepted": (0, 0, 0),
@@ -385,7 +378,7 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
         """
         sums = np.zeros((OVERLAP, self.robot.model.nv, self._columns + 3))
-        if self._held and measurement.tau is None:
+        if self._held and instance(measurement, Measurement, "measurement").tau is None:
             measurement = measurement._replace(tau=np.zeros(self.robot.model.nv))
         first = self._checked(measurement)
         return self._advance(
@@ -464,50 +457,47 @@ class Estimator:
         state = state._replace(sums=sums, last=(last, now))
         if now.t < state.begin + self.length:
             return state
-        known, tau, rest = sums[0, :, -3:].T
-        found = Window(sums[0, :, :-3], tau - known, tau, rest)
         state = state._replace(
             begin=state.begin + self.length / OVERLAP,
             sums=np.concatenate([sums[1:], 0.0 * sums[:1]]),
         )
-        if not (found.rest < 0.5)[self._moving].any():
+        if not (sums[0, self._moving, -1] < 0.5).any():
             return state
-        return self._compare(state, self._weighted(state, found))
+        return self._compare(state, self._weighted(state, sums[0]))
 
-    def _weighted(self, state: EstimatorState, found: Window) -> Window:
-        """Return a window in which a joint at rest counts by its noise and its friction.
+    def _weighted(self, state: EstimatorState, found: np.ndarray) -> Window:
+        """Return a window (n, c + 3) in which a joint at rest counts by its noise and its friction.
 
         What stands has any friction up to c: over the share r of a window that leaves a deviation
         r c of the torque.
         """
-        a, noise = self._physical.center, _LEVELS[0] * np.abs(found.tau)
+        known, tau, rest = found[:, -3:].T
+        a, (noise, _) = self._physical.center, noise_levels(tau[None])
         if state.prediction is not None:
             a, noise = state.prediction.a, state.prediction.noise
         coulomb = self.robot.friction.coulomb.copy()
-        coulomb[self._near] = a[self._coulomb]
-        weight = 1.0 / np.hypot(1.0, found.rest * coulomb / (noise + np.finfo(float).tiny))
-        return Window(weight[:, None] * found.W, weight * found.y, weight * found.tau, found.rest)
+        coulomb[self._near] = a[self._rubbing[:, 0]]
+        weight = 1.0 / np.hypot(1.0, rest * coulomb / (noise + TINY))
+        return Window(weight[:, None] * found[:, :-3], weight * (tau - known), weight * tau)
 
     def _checked(self, measurement: Measurement) -> Measurement:
-        """Return a measurement as arrays of finite floats."""
+        """Return a measurement as new arrays of finite floats."""
         instance(measurement, Measurement, "measurement")
-        t, q, v, *_, tau, _ = measurement
-        nq, nv = (self.robot.model.nq,), (self.robot.model.nv,)
-        v = np.zeros(nv) if v is None and self._count > 1 else v
-        for name, value, shape in (("t", t, ()), ("q", q, nq), ("v", v, nv), ("tau", tau, nv)):
-            if value is None or np.shape(value) != shape or not np.isfinite(value).all():
-                raise MeasurementError(name, value, f"must be finite, of shape {shape}")
-        q, v, tau = (np.array(part, dtype=float) for part in (q, v, tau))
-        return Measurement(float(t), q, v, tau=tau)
+        if measurement.v is None and self._count > 1:
+            measurement = measurement._replace(v=np.zeros(self.robot.model.nv))
+        found = self._inputs.measurement(measurement)
+        self._inputs.finite(found)
+        if found.tau is None:
+            raise MeasurementError("tau", None, "is missing")
+        return found._replace(tau=self._inputs.torque(found.tau))
 
     def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
         """Return the middle sample, on cubics through the positions around it."""
         middle, model = samples[self._count // 2], self.robot.model
         t = np.array([one.t for one in samples]) - middle.t
         moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
-        powers = (t[:, None] / t[-1]) ** np.arange(4)
-        value, slope = np.linalg.lstsq(powers, moved, rcond=None)[0][:2]
-        return middle._replace(q=pin.integrate(model, middle.q, value), v=slope / t[-1])
+        *_, slope, value = np.polyfit(t, moved, 3)
+        return middle._replace(q=pin.integrate(model, middle.q, value), v=slope)
 
     def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
@@ -537,9 +527,9 @@ class Estimator:
         total, present, refused = state.accepted
         pending = (*state.pending, found)
         state = state._replace(pending=pending[-_LOADED:], accepted=(total, present, refused + 1))
-        latest = list(pending[-OVERLAP:])
+        latest = pending[-OVERLAP:]
         if len(pending) > OVERLAP and self._agree(latest, prediction):  # it was a push
-            return self._add(state._replace(pending=()), latest)
+            return self._add(state, latest)
         later = pending[OVERLAP:]
         if len(pending) >= _LOADED:
             other = self._begin_load(state, self._usual)
@@ -558,6 +548,7 @@ class Estimator:
             level=sum((one.tau**2 for one in windows), state.level),
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
+            pending=(),
         )
         learned = state.accepted[0] - (0 if state.prediction is None else state.prediction.windows)
         if learned < max(_EVERY, state.accepted[1] // _EVERY):
@@ -568,20 +559,17 @@ class Estimator:
         """Return the state with another load, of which nothing but its prior is known."""
         past, left = state.past, state.left
         if state.accepted[1]:
-            prediction = state.prediction or self._predict(state)
-            M = self._products(state, prediction.lasting, prediction.a)
+            prediction, at = state.prediction or self._predict(state), self._loaded
+            S = self._under_load(state, prediction.a)
+            M = S.T @ self._sums(state, prediction.lasting) @ S
             if state.load is not None:
-                root = np.linalg.inv(self._T[self._load, self._load])
-                known = root.T @ root
-                columns = self._map(state.load, prediction.a)[:, self._load]
-                cross = columns.T @ M
-                inner = cross @ columns + known
-                cross[:, -1] += known @ state.load
-                M[-1, -1] += state.load @ known @ state.load
-                M -= cross.T @ np.linalg.solve(inner, cross)
-            M[self._carried], M[:, self._carried] = 0.0, 0.0
-            past = past + M
-            left = left + self._squares(state, prediction.a)
+                known = np.zeros((PER_BODY, len(M)))
+                known[:, at], known[:, -1] = np.eye(PER_BODY), state.load
+                known = np.linalg.solve(self._T[self._load, self._load], known)
+                M += known.T @ known
+                M -= M[:, at] @ np.linalg.solve(M[at][:, at], M[at])
+            M[at], M[:, at] = 0.0, 0.0
+            past, left = past + M, left + self._squares(state, prediction.a)
         state = state._replace(
             products=self._nothing["products"],
             past=past,
@@ -593,44 +581,39 @@ class Estimator:
         )
         return state._replace(prediction=self._predict(state)) if state.prediction else state
 
-    def _map(self, load: np.ndarray | None, a: np.ndarray) -> np.ndarray:
-        """Return B: [W y] B are the equations in the parameters, linearised at a (p).
+    def _map(self, state: EstimatorState, a: np.ndarray) -> Any:
+        """Return sparse B (e, p + 1): the equations times B are those in parameters near a (p).
 
         With x the share by which friction near rest is larger, dry friction d has the columns
         d (sigma + x sigma exp(-|v| / fading)).
         """
-        B = self._B.copy()
-        if load is not None:
-            B[self._own, self._load] = np.eye(PER_BODY)
-            B[self._carried, self._load] = np.eye(PER_BODY)[: self._carried.size]
-        x, dry = a[self._rest, None], self._B[self._dry] @ np.append(a, 0.0)
-        B[self._fading] += x[:, :, None] * self._B[self._dry]
-        B[self._fading, np.arange(len(a))[self._rest, None]] += dry
-        B[self._fading, -1] += x * dry  # as the product x d is in both columns
-        return B
+        from scipy.sparse import csr_array  # here, because scipy is slow to import
 
-    def _gears(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
-        """Return S (k, k) of each joint: its [W y] S are linear in load and gear at a (p).
+        B, x, dry = self._B.copy(), a[self._rest, None], a[self._rubbing]
+        B[self._fading, self._rubbing] = x
+        B[self._fading, self._rest[:, None]] = dry
+        B[self._fading, -1] = x * dry  # as the product x d is in both columns
+        if state.load is None:
+            B[:, self._load] = 0.0
+        return csr_array(self._under_load(state, a)) @ csr_array(B)
+
+    def _under_load(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
+        """Return S (e, e): the equations times S are linear in load and gears near a (p).
 
         With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
-        S, gears = [np.eye(len(at)) for at in self._places], self._dry[:, _GEAR]
         # a load that is unknown from the start cannot be told from an unknown last body
-        told = float(state.load is not None and (self._alone or bool(state.past.any())))
-        shares, load = told * (self._B[gears] @ np.append(a, 0.0)), told * a[self._load]
-        for j, gear, share in zip(self._near, gears, shares, strict=True):
-            at = self._places[j]
-            own = np.flatnonzero(np.isin(at, self._carried))
-            parts = load[at[own] - self._columns]  # the last ones of the columns
-            S[j][own, own] = share
-            if gear in at:  # else the joint has no gravity torque, and this share is as described
-                S[j][own, np.searchsorted(at, gear)] = parts
-                S[j][own, -1] = share * parts
+        told = state.load is not None and (self._alone or bool(state.past.any()))
+        S, shares, load = np.eye(len(self._B)), told * a[self._shares], told * a[self._load]
+        S[self._carried] = 0.0
+        S[self._carried, self._loaded] = shares
+        S[self._carried, self._gears] = load
+        S[self._carried, -1] = shares * load
         return S
 
     def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Return [W y] (N, k) of each joint, of the columns that it has."""
-        rows = np.array([np.column_stack([one.W, one.y]) for one in windows])
+        """Return the equations (N, k) of each joint, of the columns that it has."""
+        rows = np.array([np.column_stack([one.W, one.y])[:, self._order] for one in windows])
         return [rows[:, j, at] for j, at in enumerate(self._places)]
 
     def _prior(self, state: EstimatorState) -> PhysicalSet:
@@ -640,27 +623,22 @@ class Estimator:
             center[self._load] = state.load
         return replace(self._physical, center=center)
 
-    def _products(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the products (c + 1, c + 1) of the windows with the present load."""
+    def _sums(self, state: EstimatorState, noise: np.ndarray) -> np.ndarray:
+        """Return the products (e, e) of the windows with the present load."""
         M = np.zeros_like(state.past)
-        each = zip(self._places, state.products, self._gears(state, a), noise, strict=True)
-        for at, one, S, size in each:
-            M[np.ix_(at, at)] += S.T @ one @ S / size**2
+        for at, one, size in zip(self._places, state.products, noise, strict=True):
+            M[np.ix_(at, at)] += one / size**2
         return M
 
     def _equations(self, state: EstimatorState, noise: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the products (p + 1, p + 1) of all equations, the last column being y."""
-        B, past = self._map(state.load, a), self._map(None, a)
-        return B.T @ self._products(state, noise, a) @ B + past.T @ state.past @ past
-
-    def _combined(self, state: EstimatorState, a: np.ndarray, w: np.ndarray) -> list[np.ndarray]:
-        """Return X (k, m) of each joint: [W y] X are its equations at a (p) times w (p + 1, m)."""
-        whole = self._map(state.load, a) @ w
-        return [S @ whole[at] for at, S in zip(self._places, self._gears(state, a), strict=True)]
+        B = self._map(state, a)
+        return B.T @ (self._sums(state, noise) + state.past) @ B
 
     def _left(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
-        """Return w (k) of each joint: [W y] w are its residuals, with the present load."""
-        return self._combined(state, a, np.append(-a, 1.0))
+        """Return w (k) of each joint: its equations times w are its residuals."""
+        w = self._map(state, a) @ np.append(-a, 1.0)
+        return [w[at] for at in self._places]
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
@@ -672,7 +650,7 @@ class Estimator:
         count = state.accepted[0]
         if not count:
             return np.ones(len(state.level))
-        first, least = np.outer(_LEVELS, np.sqrt(state.level / count) + np.finfo(float).tiny)
+        first, least = noise_levels(np.sqrt(state.level / count)[None])
         squares = state.left + self._squares(state, a) + OVERLAP * first**2
         free = max(count - fitted / len(first), 0.0) + OVERLAP
         return np.maximum(np.sqrt(squares / free), least)
@@ -683,7 +661,7 @@ class Estimator:
             return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
         each = zip(self._each(state.recent), self._left(state, a), strict=True)
         left = np.column_stack([rows @ w for rows, w in each])
-        return self._repeated * lasting_noise(left) / (rms(left, 0) + np.finfo(float).tiny)
+        return self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
         """Return the estimate of least squares near the description, with its covariance."""
@@ -692,21 +670,26 @@ class Estimator:
         a, fitted = center if before is None else before.a, 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
-            X = _inverse(M[:-1, :-1], T)
-            a = center + T @ (X @ (X.T @ (T.T @ (M[:-1, -1] - M[:-1, :-1] @ center))))
+            X = _inverse(M, T)
+            a = center + T @ (X @ (X.T @ (T.T @ (M @ np.append(-center, 1.0))[:-1])))
             a = np.maximum(a, self._least)
             fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
-        lasting = noise * self._lasting(state, a)
-        root = T @ _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        root, lasting = self._root(state, a, noise, T)
         w = np.column_stack([np.append(-a, 1.0), np.pad(root, ((0, 1), (0, 0)))])
-        columns = self._combined(state, a, w)
-        return _Prediction(a, columns, noise, lasting, state.accepted[0])
+        return _Prediction(a, self._map(state, a) @ w, noise, lasting, state.accepted[0])
+
+    def _root(
+        self, state: EstimatorState, a: np.ndarray, noise: np.ndarray, T: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a root (p, p) of the covariance at a (p), and its noise (n), see ``_lasting``."""
+        lasting = noise * self._lasting(state, a)
+        return T @ _inverse(self._equations(state, lasting, a), T), lasting
 
     def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
         """Return whether windows are as predicted, within what is known of the parameters."""
-        each = zip(self._each(windows), prediction.columns, prediction.lasting, strict=True)
-        both = np.concatenate([rows @ columns / size for rows, columns, size in each])
+        each = zip(self._each(windows), self._places, prediction.lasting, strict=True)
+        both = np.concatenate([rows @ prediction.columns[at] / size for rows, at, size in each])
         r, A = both[:, 0], both[:, 1:]
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
@@ -717,14 +700,13 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
-        a, noise = self._fitted(state, None if near is None else near.a)
+        a, noise = self._fitted(state, None if near is None else near.a, [])
         if self._wrist:  # as ``identify`` chooses it
             a_without, noise_without = self._fitted(state, a, self._wrist)
             if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
                 a, noise = a_without, noise_without
         T, _ = self._prior(state).local(a)
-        lasting = noise * self._lasting(state, a)
-        root = T @ _inverse(self._equations(state, lasting, a)[:-1, :-1], T)
+        root, _ = self._root(state, a, noise, T)
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
@@ -736,28 +718,29 @@ class Estimator:
             a,
             np.linalg.norm(root, axis=1),
             noise,
-            self._advice(state, a, load, root, noise),
+            self._advice(load, root, noise),
         )
 
     def _fitted(
-        self, state: EstimatorState, near: np.ndarray | None, without: Sequence[int] = ()
+        self, state: EstimatorState, near: np.ndarray | None, without: list[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return parameters (p), others being near (p), and noise (n); some are as described."""
-        physical, kept = self._prior(state), np.ones(len(self.names) + 1)
-        kept[list(without)] = 0.0
+        physical, kept = self._prior(state), np.ones(len(self.names))
+        kept[without] = 0.0
         a = physical.center if near is None else near
         noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise
         for _ in range(_ROUNDS):
-            rows = _rows(self._equations(state, noise, a) * kept * kept[:, None])
-            fit = physical_fit(*rows, physical, gamma=WEIGHT, near=near)
+            A, b = _rows(self._equations(state, noise, a))
+            fit = physical_fit(A * kept, b, physical, gamma=WEIGHT, near=near)
             a = near = np.maximum(fit, self._least)
             noise = self._noise(state, a, 0.0)
-        a[list(without)] = physical.center[list(without)]
+        a[without] = physical.center[without]
         return a, noise
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
         """Return the robot with parameters (p) and the load."""
-        found = self._map(state.load, a) @ np.append(-a, 1.0)
+        found = self._map(state, a) @ np.append(-a, 1.0)
+        found[self._own] += found[self._loaded]
         robot = self.dynamics.robot(-found[: self.dynamics.size], self.robot)
         breakaway = robot.friction.breakaway.copy()
         breakaway[self._near] += a[self._rest]
@@ -766,16 +749,9 @@ class Estimator:
             friction = replace(friction, shafts=())
         return replace(robot, friction=friction, loads=())
 
-    def _advice(
-        self,
-        state: EstimatorState,
-        a: np.ndarray,
-        load: PayloadEstimate | None,
-        root: np.ndarray,
-        noise: np.ndarray,
-    ) -> str:
+    def _advice(self, load: PayloadEstimate | None, root: np.ndarray, noise: np.ndarray) -> str:
         """Return which joint to shake, if that told more of the load than the noise hides."""
-        robot, B = self.robot, self._map(state.load, a)[: self.dynamics.size, self._load]
+        robot = self.robot
         if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
             return ""
         gains = np.zeros(robot.model.nv)
@@ -783,13 +759,13 @@ class Estimator:
             step = _SHAKE * np.eye(len(gains))[j]
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
-            gains[j] = np.linalg.norm(Y @ B @ root[self._load] / noise[:, None])
+            gains[j] = np.linalg.norm(Y[:, self._own] @ root[self._load] / noise[:, None])
         return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
 
 
-def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Return X (p, p) with T X X^T T^T the inverse of H + WEIGHT T^-T T^-1."""
-    whole = T.T @ H @ T
+def _inverse(M: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Return X (p, p), T X X^T T^T the inverse of the products M (p + 1, p + 1) and of WEIGHT."""
+    whole = T.T @ M[:-1, :-1] @ T
     rounding = len(T) * np.finfo(float).eps * np.diagonal(whole)
     whole.flat[:: len(T) + 1] += WEIGHT + rounding
     return np.linalg.inv(np.linalg.cholesky(whole)).T
@@ -797,7 +773,7 @@ def _inverse(H: np.ndarray, T: np.ndarray) -> np.ndarray:
 
 def _rows(M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A and b with the products M = [A b]^T [A b]."""
-    size = np.sqrt(np.diagonal(M)) + np.finfo(float).tiny
+    size = np.sqrt(np.diagonal(M)) + TINY
     values, vectors = np.linalg.eigh(M / size / size[:, None])
     rows = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size
     return rows[:, :-1], rows[:, -1]

@@ -43,6 +43,7 @@ _WEIGHED = 1e-3
 # Deviation of the gain of each torque, for loads. Half and twice: +- 0.09 and +- 0.29 in place of
 # +- 0.16 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
 GAIN = 0.05
+TINY = np.finfo(float).tiny  # added where else something may be divided by zero
 FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 
 
@@ -51,7 +52,9 @@ def torque_fit(
     physical: PhysicalSet,
     windows: Windows,
     stated: np.ndarray,
-    bounds: np.ndarray | None = None,
+    bounds: np.ndarray | tuple[float, float] = (-np.inf, np.inf),
+    *,
+    gain: float = 0.0,
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
 
@@ -64,26 +67,24 @@ def torque_fit(
         physical: the set of physical ones.
         windows: the rows.
         stated: [A b] (k, p + 1) of equations A a = b beside them, whitened.
-        bounds: (2, p) of the parameters; one beyond its bound is stated to be there. None: none.
+        bounds: (2, p) of the parameters; one beyond its bound is stated to be there.
+        gain: as of ``torque_information``.
     """
     noise, least = noise_levels(windows.tau)
-    physical, a = replace(physical, weights=np.array([LIGHT])), None
+    physical, a, near = replace(physical, weights=np.array([LIGHT])), physical.center, None
     for _ in range(3 if names else 0):
         rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), stated[:, :-1]])
         y = np.append(windows.y / noise, stated[:, -1])
-        a = physical_fit(rows, y, physical, gamma=WEIGHT, near=a)
+        a = near = physical_fit(rows, y, physical, gamma=WEIGHT, near=near)
         noise = np.maximum(rms(windows.residual(a), 0), least)
-    a = physical.center if a is None else a
-    if bounds is not None:
-        nearest = np.clip(a, *bounds)
-        beyond = np.flatnonzero(np.abs(a - nearest) > _WEIGHED * np.abs(nearest))
-        if beyond.size:
-            rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
-            both = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
-            others = bounds.copy()
-            others[:, beyond] = [[-np.inf], [np.inf]]
-            return torque_fit(names, physical, windows, both, others)
-    return torque_information(names, a, windows, stated)
+    nearest = np.clip(a, *bounds)
+    beyond = np.abs(a - nearest) > _WEIGHED * np.abs(nearest)
+    if not beyond.any():
+        return torque_information(names, a, windows, stated, gain=gain)
+    rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
+    stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
+    others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
+    return torque_fit(names, physical, windows, stated, others, gain=gain)
 
 
 def torque_information(
@@ -161,18 +162,16 @@ def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.nd
 
 def bounds_of_masses(
     dynamics: Dynamics, given: Mapping[str, tuple[float, float]] | None
-) -> np.ndarray | None:
+) -> np.ndarray:
     """Return the bounds (2, p) of the parameters, from those of masses by joint [kg].
 
     Raises:
         InputError: numbers that are no bounds, or a joint that moves no unknown body.
     """
-    if not given:
-        return None
     found = np.outer([-np.inf, np.inf], np.ones(dynamics.size))
     end = f".{LABELS[0]}"
     places = {n.removesuffix(end): i for i, n in enumerate(dynamics.names) if n.endswith(end)}
-    for name, bounds in given.items():
+    for name, bounds in (given or {}).items():
         low, high = vector(bounds, 2, "mass_bounds").tolist()
         if name not in places or not 0.0 < low < high:
             raise InputError(
@@ -208,7 +207,7 @@ def load_fit(
         ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
     size = dynamics.inertial.size
-    if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
+    if robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
@@ -226,8 +225,7 @@ def load_fit(
     W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
     windows = both[0]._replace(t=t, W=W, y=y, tau=tau)
     gains, stated, known = np.ones(tau.shape[1]), np.zeros((0, len(names) + 1)), None
-    a = torque_fit(names, whole, windows, stated).estimate
-    found = torque_information(names, a, windows, stated, gain=GAIN)
+    found = torque_fit(names, whole, windows, stated, gain=GAIN)
     if mass is not None:
         alone = found.refined()  # which may be negative, where the logs are swapped
         shown, off = alone.estimate[size], alone.deviations[size]
@@ -240,22 +238,23 @@ def load_fit(
             )
         stated = np.zeros((1, len(names) + 1))
         stated[0, [size, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
+        own = windows
         for _ in range(2):  # the first predicts torques with the wrong gains
-            step = _with_gains(names, a, windows.over(gains), stated, gains).refined()
+            step = _with_gains(names, found.estimate, own, stated, gains).refined()
             gains = gains * step.estimate[: len(gains)]
-            a = torque_fit(names, whole, windows.over(gains), stated).estimate
-        found = torque_information(names, a, windows.over(gains), stated, gain=GAIN)
+            own = windows.over(gains)
+            found = torque_fit(names, whole, own, stated, gain=GAIN)
         words = tuple(f"{name}.gain" for name in robot.joint_names)
         R = np.diag(1.0 / step.deviations[: len(gains)])
         known = Information(words, gains, R, 0.0 * gains)
     gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
-    value, gradient[:, part] = of_load(robot, a[part])
+    value, gradient[:, part] = of_load(robot, found.estimate[part])
     return PayloadEstimate.of(value, found.deviation(gradient)), known
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = np.maximum(rms(tau, 0), np.finfo(float).tiny)
+    level = np.maximum(rms(tau, 0), TINY)
     return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
 
 
@@ -335,20 +334,20 @@ class Windows(NamedTuple):
         found, free = np.zeros((len(averages.t), n * (size + 1))), np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
             part = slice(start, start + 1000)
-            moving, rest = [], []
-            for k, (q, v) in enumerate(zip(motion.q[part], motion.v[part], strict=True), start):
+            both = []
+            for q, v, tau in zip(motion.q[part], motion.v[part], free[part], strict=True):
                 Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
                 M, F = np.column_stack([Y_M, p_0]), np.column_stack([Y_0, tau_0])
                 if constraints is not None:
                     M, F, P = constraints.project_momentum(M, F, q, v)
-                    free[k] = P @ free[k]
-                moving.append(M.ravel())
-                rest.append(F.ravel())
-            found += averages.phi[:, part] @ np.array(rest)
-            found -= averages.rate[:, part] @ np.array(moving)
-        whole, both = averages.whole, found.reshape(-1, n, size + 1)
-        W, tau = both[whole, :, :size], averages.mean(free)[whole]
-        parts = averages.t[whole], W, tau - both[whole, :, size], tau
+                    tau[:] = P @ tau
+                both.append([M.ravel(), F.ravel()])
+            moving, rest = np.swapaxes(both, 0, 1)
+            found += averages.phi[:, part] @ rest
+            found -= averages.rate[:, part] @ moving
+        whole = averages.whole
+        rows, tau = found.reshape(-1, n, size + 1)[whole], averages.mean(free)[whole]
+        parts = averages.t[whole], rows[:, :, :size], tau - rows[:, :, size], tau
         return cls(*parts, averages.length, float(np.sqrt(n / np.trace(P))))
 
     def over(self, gains: np.ndarray) -> Windows:
@@ -356,7 +355,7 @@ class Windows(NamedTuple):
         tau = self.tau / gains
         return self._replace(y=self.y - self.tau + tau, tau=tau)
 
-    def between(self, first: float, last: float) -> Windows:
+    def between(self, first: float = -np.inf, last: float = np.inf) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
         half = 0.5 * self.length
         chosen = (self.t - half >= first) & (self.t + half <= last)
@@ -365,4 +364,4 @@ class Windows(NamedTuple):
 
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""
-        return np.asarray(self.y - self.W @ a)
+        return self.y - self.W @ a

@@ -19,6 +19,7 @@ from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log, in_sequence, joined
+from ..models.joint_effects import KINDS
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST
 from ..records import Measurement
@@ -29,7 +30,7 @@ from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
-from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
+from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate, Estimator
 from .fits import (
     Windows,
@@ -152,11 +153,11 @@ def identify(
     *arrays, smoothed = zip(*(motion_of_log(nominal, one) for one in logs), strict=True)
     motion = MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
     _check_contacts(nominal, motion)
-    split = float(motion.t[-1] - 0.25 * (motion.t[-1] - motion.t[0]))
+    split = float(0.25 * motion.t[0] + 0.75 * motion.t[-1])
     if tests:
         split = float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     seen = position_windows(kinematics, motion, *frames)
-    seen_first = seen.between(-np.inf, split)
+    seen_first = seen.between(last=split)
     located = position_fit(kinematics, seen_first if tests else seen)
     placed = nominal
     if any(part.joint not in (None, FIRST) for part in kinematics.translations):
@@ -164,10 +165,9 @@ def identify(
         kinematics.write(placed.model, located.estimate)
     estimator = Estimator(placed, given, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
-    whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
-    everything = nominal_dynamics(with_shafts(placed), whole, ())
+    everything = nominal_dynamics(with_shafts(placed), replace(unknown, effects=KINDS), ())
     windows = Windows.of(motion, averages, everything, constraints)
-    first = windows.between(-np.inf, split)
+    first = windows.between(last=split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
             f"only {len(windows.t)} windows of {windows.length:.2g} s have no gap, "
@@ -177,8 +177,7 @@ def identify(
         )
     effects = None
     others = given.friction is None and not given.effects
-    chosen = (given.armature is None or others) and constraints is None
-    if chosen and dynamics.joints is not None:
+    if constraints is None and (given.armature is None or others):
         effects = choose_effects(
             nominal,
             motion,
@@ -203,14 +202,14 @@ def identify(
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
         part = split if tests or known_load is not None else np.inf
-        both = windows.between(-np.inf, part), bare
+        both = windows.between(last=part), bare
         load_estimate, gains = load_fit(
             model, physical_set(model, nominal), both, nominal, known_load
         )
     if gains is not None:
         motion = motion._replace(tau=motion.tau / gains.estimate)
         windows = windows.over(gains.estimate)
-    first = windows.between(-np.inf, split)
+    first = windows.between(last=split)
     return Identification(
         log=found,
         motion=motion,
@@ -252,15 +251,15 @@ def _online(
         split: time [s] from which on the motion is held out.
         progress: as of ``simulate``.
     """
-    t, last = motion.t.tolist(), len(motion.t) - 1
-    stops = {*np.linspace(0, last, _TIMES).astype(int), np.searchsorted(motion.t, split) - 1}
-    samples = zip(t, motion.q, motion.v, motion.tau, strict=True)
-    measured = (Measurement(*one[:3], tau=one[3]) for one in samples)
-    state, found = estimator.init(next(measured)), dict[float, Estimate]()
-    for k in watched(range(1, last + 1), progress, "online"):
-        state = estimator.step(state, next(measured))
+    samples = zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
+    measured = [Measurement(t, q, v, tau=tau) for t, q, v, tau in samples]
+    stops = {*np.linspace(0, len(measured) - 1, _TIMES).astype(int)}
+    stops.add(np.searchsorted(motion.t, split) - 1)
+    state, last, found = estimator.init(measured[0]), None, dict[float, Estimate]()
+    for k in watched(range(1, len(measured)), progress, "online"):
+        state = estimator.step(state, measured[k])
         if k in stops:
-            found[t[k]] = estimator.estimate(state, next(reversed(found.values()), None))
+            found[state.t] = last = estimator.estimate(state, last)
     return found
 
 
@@ -270,17 +269,17 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
     Raises:
         LogError: one does.
     """
-    constraints, t, nowhere = robot.constrained, motion.t, np.zeros((0, 3))
-    footing = nowhere
-    for k, step in enumerate(np.diff(t, prepend=t[0]).tolist() if robot.contacts else ()):
-        constraints.at(motion.q[k], motion.v[k])
-        if step >= _PAUSE:  # another log
-            footing, step = nowhere, 0.0
-        footing, moved = constraints.footing(footing, None, step)
+    constraints, footing = robot.constrained, np.zeros((0, 3))
+    steps = np.diff(motion.t, prepend=motion.t[0])
+    samples = zip(motion.t, steps, motion.q, motion.v, strict=True)
+    for t, step, q, v in samples if robot.contacts else ():
+        constraints.at(q, v)
+        before = footing[:0] if step >= _PAUSE else footing  # of the same log
+        footing, moved = constraints.footing(before, None, step)
         if moved.max() > SLIP:
             frame = robot.contacts[int(moved.argmax())].frame
             raise LogError(
-                f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t[k]:.3g} s.",
+                f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t:.3g} s.",
                 where="q",
                 hint="pa.Estimator is told which contacts stand, sample by sample.",
             )
@@ -306,10 +305,8 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     added = compensation_of(robot, intake.compensated)
     if added is None:
         return log, robot
-    q, tau = log.configurations(robot), log.tau.copy()
-    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
-        tau[k] += added(q[k])
-    return replace(log, tau=tau), robot
+    missing = np.array([added(q) for q in log.configurations(robot)])
+    return replace(log, tau=log.tau + missing), robot
 
 
 def _frames_and_task(
@@ -317,7 +314,7 @@ def _frames_and_task(
 ) -> tuple[tuple[np.ndarray, np.ndarray], Robot]:
     """Return the frames of a log and the robot; with a joint task if there are no frames.
 
-    They are times (M) [s], ascending, and coordinates of the task (M, m).
+    They are times (M) [s], and coordinates of the task (M, m).
 
     Raises:
         LogError: coordinates that the task does not have.
@@ -336,8 +333,7 @@ def _frames_and_task(
                 hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, "
                 'qw; a robot is loaded with task = "xyz" or "pose".',
             )
-        order = np.argsort(t, kind="stable")
-        return (t[order], x[order]), robot
+        return (t, x), robot
     if unknown.translation_words(tool=False):
         raise ParameterError(
             "the log has no positions of the task frame, so no translations can be identified.",

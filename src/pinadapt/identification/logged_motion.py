@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..exceptions import LogError
@@ -30,13 +32,13 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
     if log.held:
         around = np.pad(tau, ((2, 1), (0, 0)), mode="edge")
         tau = (9.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 16.0
-    signals = np.hstack([q, tau, *([] if log.v is None else [log.v])])
-    finite = np.isfinite(signals).all(axis=1)
-    if np.count_nonzero(finite) < 2:
+    whole = replace(log, q=q, tau=tau)
+    seen = whole.sampled(whole.finite)
+    if len(seen.t) < 2:
         raise LogError(
             "fewer than two samples have all signals finite.",
             where=log.source,
             hint="Record all joints at the same times, or interpolate.",
         )
-    parts = log.t[finite], q[finite], None if log.v is None else log.v[finite], tau[finite]
+    parts = seen.t, seen.q, seen.v, seen.tau
     return measured_motion(robot.model, *parts, log.period, CUTOFF, _TOLERANCE)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, cell, html_page, whole_file, write_json, write_text
+from .._output import Printed, Report, Table, cell, html_page, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -37,7 +37,7 @@ from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate as OnlineEstimate
 from .estimator import Estimator
-from .fits import GAIN, Windows, lasting_noise, torque_information
+from .fits import GAIN, TINY, Windows, lasting_noise, torque_information
 from .selection import ChosenEffects
 from .torque_check import HEAVIEST, TorqueCheck
 
@@ -186,7 +186,7 @@ class Identification(Printed):
         plain = self._load_of(self.dynamic)
         if not gain:
             return plain
-        windows = self.windows.between(-np.inf, self.split) if self.tested else self.windows
+        windows = self.windows.between(last=self.split) if self.tested else self.windows
         names, a = self.dynamic.names, self.dynamic.estimate
         found = torque_information(names, a, windows, self.stated, gain=gain)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
@@ -232,7 +232,7 @@ class Identification(Printed):
             nominal_dynamics(robot, nothing, ()),
             constraints,
         )
-        return np.asarray(rms(windows.between(self.split, np.inf).y, 0))
+        return np.asarray(rms(windows.between(self.split).y, 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
@@ -245,7 +245,7 @@ class Identification(Printed):
         windows = self.windows
         left = windows.residual(self.dynamic.estimate)
         rate = CubicSpline(windows.t, windows.tau - left)(windows.t, 1)
-        return lateness(windows.W, left, rate, lasting_noise(left) + np.finfo(float).tiny)
+        return lateness(windows.W, left, rate, lasting_noise(left) + TINY)
 
     def _notes(self) -> Iterator[str]:
         """Yield what a user should look at: another clock, bodies or a load that cannot be."""
@@ -272,7 +272,7 @@ class Identification(Printed):
     @cached_property
     def position_errors(self) -> Errors | None:
         """Errors of the positions (m) [m], or None where no translation was estimated."""
-        if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
+        if not len(self.rows.between(self.split).t) or not self.kinematic.names:
             return None
         return self._errors(
             self.rows, self.controller.kinematics.initial, self.position_before_split
@@ -280,7 +280,7 @@ class Identification(Printed):
 
     def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
         """Return the errors of two parameters (p) in the held-out part."""
-        last = windows.between(self.split, np.inf)
+        last = windows.between(self.split)
         size, before, after = (
             rms(part, 0) for part in (windows.tau, last.residual(described), last.residual(learned))
         )
@@ -354,14 +354,13 @@ class Identification(Printed):
     def _record(self) -> dict[str, Any]:
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
-        signals = np.hstack(list(log.signals().values()))
         return {
             "verdict": self.verdict,
             "log": log.source,
             "robot": self.described.name,
             "joint_names": self.described.joint_names,
             "samples": len(log.t),
-            "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
+            "left_out": int(np.count_nonzero(~log.finite)),
             "duration": log.duration,
             "velocities": "from the positions" if self.motion.smoothed else "as measured",
             "windows": len(self.windows.t),
@@ -458,8 +457,7 @@ class Identification(Printed):
         """
         folder = Path(folder)
         for name, figure in vars(self.plot()).items():
-            with whole_file(folder / f"{name}.png") as file:
-                file.write(figure.png(dpi=130))
+            write_text(folder / f"{name}.png", figure.png(dpi=130))
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
         write_text(folder / "intake.toml", self.intake.text([about]))

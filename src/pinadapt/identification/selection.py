@@ -13,7 +13,7 @@ quadratic form of the same divergence.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise, product
 from typing import NamedTuple
 
@@ -55,8 +55,7 @@ class Gain(NamedTuple):
     deviation: float
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenEffects:
+class ChosenEffects(NamedTuple):
     """The effects of the joints that a log shows.
 
     Attributes:
@@ -135,7 +134,7 @@ def choose_effects(
     edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
     blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
     products = np.array([block.swapaxes(1, 2) @ block for block in blocks])
-    rows = np.array([block.shape[0] * block.shape[1] for block in blocks])
+    rows = np.array([block[..., 0].size for block in blocks])
     prior = np.where(np.arange(X.shape[2]) < size, WEIGHT, 0.0)
     (noise, least), names = noise_levels(windows.tau), robot.joint_names
     plain = [dynamics.names.index(f"{name}.{kind}") for kind in _PLAIN for name in names]

@@ -159,8 +159,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     motion = _averages(log, robot)
     if not len(motion.q):
         return TorqueCheck(log.source, (), ())
-    plain = _fit(motion, robot)
-    undone = ((cause, _fit(other, arm)) for cause, other, arm in _mistakes(motion, robot))
+    plain = _fit(motion)
+    undone = ((cause, _fit(other)) for cause, other in _mistakes(motion))
     likely = sorted(undone, key=lambda one: one[1].score)
     causes, best = list[str](), likely[0][1].score
     if best < plain.score - _SURELY:
@@ -184,26 +184,28 @@ def on_wall(log: Log, robot: Robot) -> Robot:
         log: checked, its columns in the order of the joints.
         robot: as described, the third axis of its base normal to the wall.
     """
-    motion = _averages(log, robot)
 
-    def likeness(hung: Robot) -> float:  # whatever units and signs of the torques are
-        d = _each(motion, hung, pin.rnea)
-        return float(np.sum(_compared(motion, motion.tau, d).correlation ** 2))
+    def likeness(hung: _Motion) -> float:  # whatever units and signs of the torques are
+        d = _each(hung, pin.rnea)
+        return float(np.sum(_compared(hung, hung.tau, d).correlation ** 2))
 
-    walls = (hung for hung in _mountings(robot) if not hung.model.gravity.linear[2])
-    return max(walls, key=likeness)
+    mountings = _mountings(_averages(log, robot))
+    walls = (hung for hung in mountings if not hung.robot.model.gravity.linear[2])
+    return max(walls, key=likeness).robot
 
 
 class _Motion(NamedTuple):
     """Averages over K windows (K, n), of joints in rad or m.
 
     Attributes:
+        robot: as described, whose motion it is.
         q, v, a: angles, velocities, accelerations.
         tau: torques.
         signs: of v.
         added: to these torques by the arm.
     """
 
+    robot: Robot
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
@@ -213,8 +215,8 @@ class _Motion(NamedTuple):
 
     def turned(self, scale: np.ndarray) -> _Motion:
         """Return it scaled by factors (n), the torques as they are."""
-        q, v, a = (part * scale for part in self[:3])
-        return _Motion(q, v, a, self.tau, self.signs * np.sign(scale))
+        q, v, a = (part * scale for part in self[1:4])
+        return self._replace(q=q, v=v, a=a, signs=self.signs * np.sign(scale))
 
     @property
     def drives(self) -> np.ndarray:
@@ -238,7 +240,7 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     # twice as many windows give the same verdicts on the real logs
     some = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), 125)).astype(int))]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
-    return _Motion(*(averages.mean(part)[some] for part in parts))
+    return _Motion(robot, *(averages.mean(part)[some] for part in parts))
 
 
 class _Fit(NamedTuple):
@@ -269,23 +271,23 @@ class _Fit(NamedTuple):
         return float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum()) + self.price
 
 
-def _each(motion: _Motion, robot: Robot, function: Any) -> np.ndarray:
+def _each(motion: _Motion, function: Any) -> np.ndarray:
     """Return a function of configuration, velocity and acceleration in each window."""
-    model = robot.model
+    model = motion.robot.model
     data, q = model.createData(), integrated(model, pin.neutral(model), motion.q)
     states = zip(q, motion.v, motion.a, strict=True)
     return np.array([function(model, data, *each).copy() for each in states])
 
 
-def _fit(motion: _Motion, robot: Robot) -> _Fit:
+def _fit(motion: _Motion) -> _Fit:
     """Return the likelier fit of those without and with errors of the bodies and a load.
 
     These are the ones that best explain what the description leaves, near the description and a
     usual load. Residuals are relative to the torques of the motion, less what is ``added``.
     """
-    d, tau = _each(motion, robot, pin.rnea), motion.tau + motion.added
+    d, tau = _each(motion, pin.rnea), motion.tau + motion.added
     bare = _compared(motion, tau, d)
-    Y, scale = _each(motion, robot, pin.computeJointTorqueRegressor), _deviations(robot)
+    Y, scale = _each(motion, pin.computeJointTorqueRegressor), _deviations(motion.robot)
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
     none, fit = np.zeros(len(scale)), bare
@@ -330,33 +332,30 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
     return _Fit(size / math.sqrt(len(tau)), factor, correlation, judged, ~judged | inside, shares)
 
 
-def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Robot]]:
-    """Yield the usual mistakes, and the motion and the robot that undo each."""
-    names = robot.joint_names
-    for hung in _mountings(robot):
-        option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in hung.model.gravity.linear)}"
-        yield f"the base is mounted another way; {option}", motion, hung
+def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
+    """Yield the usual mistakes, and the motion that undoes each."""
+    names = motion.robot.joint_names
+    for hung in _mountings(motion):
+        gravity = ",".join(f"{x + 0.0:.3g}" for x in hung.robot.model.gravity.linear)
+        yield f"the base is mounted another way; --gravity={gravity}", hung
     rest = np.zeros_like(motion.v)
-    weight = _each(motion._replace(v=rest, a=rest), robot, pin.rnea)
+    weight = _each(motion._replace(v=rest, a=rest), pin.rnea)
     yield (
         "they are without gravity, which the arm adds; --compensated nominal",
         motion._replace(added=weight),
-        robot,
     )
-    scale = np.where(list(robot.slides.values()), 1.0, math.radians(1.0))
-    yield "the angles are degrees; --degrees", motion.turned(scale), robot
+    scale = np.where(list(motion.robot.slides.values()), 1.0, math.radians(1.0))
+    yield "the angles are degrees; --degrees", motion.turned(scale)
     whole = np.arange(len(names))
     for j, name in enumerate(names):
         sign = np.where(whole == j, -1.0, 1.0)
         yield (
             f"the torque of {name} has the wrong sign; --flip {name}",
             motion._replace(tau=motion.tau * sign),
-            robot,
         )
         yield (
             f"the position of {name} has the wrong sign; --flip q:{name}",
             motion.turned(sign),
-            robot,
         )
     for i, j in combinations(range(len(names)), 2):
         order = whole.copy()
@@ -364,26 +363,23 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
         listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
         yield (
             f"the columns of {pair} are swapped; --joints {listed}",
-            _Motion(*(part[:, order] for part in motion[:5])),
-            robot,
+            _Motion(motion.robot, *(part[:, order] for part in motion[1:6])),
         )
         yield (
             f"the torques of {pair} are swapped; --joints tau:{listed}",
             motion._replace(tau=motion.tau[:, order]),
-            robot,
         )
     yield (
         "the torque of all joints has the wrong sign; --torque-gain=-1",
         motion._replace(tau=-motion.tau),
-        robot,
     )
-    bare = _compared(motion, motion.tau, _each(motion, robot, pin.rnea))
+    bare = _compared(motion, motion.tau, _each(motion, pin.rnea))
     noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
     for j, name in enumerate(names):
         off = np.zeros(len(names))
         for _ in range(3):  # steps of Gauss-Newton
             near = (motion._replace(q=motion.q + off + step * (whole == j)) for step in (0.0, 1e-4))
-            d, more = (_each(one, robot, pin.rnea) for one in near)
+            d, more = (_each(one, pin.rnea) for one in near)
             both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
             slope, rest = (both / noise[:, None]).T
             off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
@@ -391,7 +387,6 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
             yield (
                 f"the position of {name} is off; --offset {name}={off[j]:.3g}",
                 motion._replace(q=motion.q + off),
-                robot,
             )
     # a load raises factors, up to twice
     clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
@@ -404,14 +399,13 @@ def _mistakes(motion: _Motion, robot: Robot) -> Iterator[tuple[str, _Motion, Rob
             f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
             "the data sheet's gains",
             motion._replace(tau=motion.tau / gains),
-            robot,
         )
 
 
-def _mountings(robot: Robot) -> Iterator[Robot]:
-    """Yield the robot with gravity along the other axes of its base."""
-    down = robot.model.gravity.linear
+def _mountings(motion: _Motion) -> Iterator[_Motion]:
+    """Yield the motion of a robot with gravity along the other axes of its base."""
+    down = motion.robot.model.gravity.linear
     size = float(np.linalg.norm(down))
     for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
         if not np.allclose(gravity, down, atol=0.1 * size):
-            yield ImportOptions(gravity=gravity).mounted(robot)
+            yield motion._replace(robot=ImportOptions(gravity=gravity).mounted(motion.robot))

@@ -30,7 +30,7 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
     Args:
         table: of the file.
         joints: names of the joints to read.
-        options: which columns they have, and the rate of the samples.
+        options: which columns they have.
         source: of the table, for messages.
 
     Raises:
@@ -45,13 +45,12 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
             hint="Usual names are q_JOINT, JOINT.position, q0. Others are stated: --columns "
             "q=NAME,..., in a file without header q=2-8; --joints A,B,... for other joints.",
         )
-    samples = np.arange(float(len(found["q"])))
-    t = own.single("t") if options.rate is None else samples / options.rate
+    t = own.single("t")
     if found["tau"] is None:
         found["tau"] = np.full(found["q"].shape, np.nan)
     known = joints if own.by_name else ()
     return Log(
-        samples if t is None else t,
+        np.arange(len(found["q"])) if t is None else t,
         **found,
         joints=tuple(map(str, table.get("joint_names", known))),
         x=own.of_frame(),
@@ -72,7 +71,7 @@ class _Columns:
     ) -> None:
         self._table, self._joints, self._source = table, list(joints), source
         self._stated = {key: name_list(names, "columns") for key, names in options.columns.items()}
-        self._known = {name.strip().lower(): name for name in reversed(list(table))}
+        self._known = {name.strip().lower(): table[name] for name in reversed(list(table))}
         self.by_name = False
 
     def single(self, signal: str) -> np.ndarray | None:
@@ -108,9 +107,7 @@ class _Columns:
         stated = self._stated.get(signal)
         if stated is not None:
             return self._stacked(self._written_out(stated))
-        arrays = (
-            self._table[self._known[name]] for name in NAMES[signal].split() if name in self._known
-        )
+        arrays = (self._known[name] for name in NAMES[signal].split() if name in self._known)
         return next((one for one in arrays if one.ndim == dimensions), None)
 
     def _written_out(self, names: Sequence[str]) -> list[str]:
@@ -134,7 +131,7 @@ class _Columns:
         return {
             next(filter(None, match.groups())): key
             for key, match in found.items()
-            if match is not None and self._table[self._known[key]].ndim == 1
+            if match is not None and self._known[key].ndim == 1
         }
 
     def _stacked(self, names: Sequence[str]) -> np.ndarray:
@@ -143,7 +140,7 @@ class _Columns:
         Raises:
             LogError: there is none of a name.
         """
-        known = {**self._known, **{name: name for name in self._table}}
+        known = {**self._known, **self._table}
         for name in names:
             if name not in known:
                 raise LogError(
@@ -151,5 +148,5 @@ class _Columns:
                     f"{did_you_mean(name, self._table)}",
                     where=self._source,
                 )
-        parts = [self._table[known[name]] for name in names]
+        parts = [known[name] for name in names]
         return parts[0] if len(parts) == 1 and parts[0].ndim == 2 else np.column_stack(parts)

@@ -52,7 +52,7 @@ def log_of_rollout(rollout: Rollout) -> Log:
     if evaluation is None or not evaluation.samples:
         return replace(log, x=rollout.x if framed else None).after(since)
     measured = [sample.measurement for sample in evaluation.samples]
-    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
+    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in "tqv")
     log = replace(log, t=t, q=q, v=v)
     times, x = measured_frames(measured)
     if framed and len(times):
@@ -150,7 +150,7 @@ def read_log(
             stated = () if isinstance(options.joints, Mapping) else options.joints
             joints = robot.joint_names
             source = _read(path, joints if set(stated) <= set(joints) else stated, options)
-    elif options.rate is not None:
+    if options.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / options.rate)
     if options.repeated == "drop" and (again := repeated(source)).any():
         warnings.warn(

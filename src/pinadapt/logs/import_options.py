@@ -13,8 +13,8 @@ gears, signs, and how the arm was mounted. It is applied in this order:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +94,7 @@ class ImportOptions:
         Raises:
             InputError: values of the wrong kind, unknown words, or both gravity and mount.
         """
-        with located("intake", [one.name for one in fields(self)]):
+        with located("intake", vars(self)):
             for signal in mapping(self.columns, "columns"):
                 word(signal, NAMES, "columns")
             if self.rate is not None:
@@ -103,7 +103,7 @@ class ImportOptions:
             flag(self.degrees, "degrees")
             flag(self.doubtful, "doubtful")
             name_list(self.flip, "flip")
-            for signal, names in self._joint_lists():
+            for signal, names in self._joint_lists.items():
                 word(signal, SIGNALS, "joints")
                 name_list(names, "joints")
             word(self.compensated or "nominal", ("nominal",), "compensated")
@@ -129,7 +129,7 @@ class ImportOptions:
             return given or cls()
         table = given if isinstance(given, Mapping) else read_toml(Path(given))
         for key in table:
-            word(key, [one.name for one in fields(cls)], "intake")
+            word(key, vars(cls()), "intake")
         return cls(**table)
 
     @classmethod
@@ -166,7 +166,7 @@ class ImportOptions:
                 with more numbers than there are joints.
         """
         log = self._in_order_of(robot, log)
-        names, n = robot.joint_names, robot.model.nv
+        names, n, signs = robot.joint_names, robot.model.nv, self._signs(robot.joint_names)
         G, K = _matrix(self.gear, names, "gear"), _matrix(self.torque_gain, names, "torque_gain")
         if np.linalg.matrix_rank(G) < n:
             raise LogError(
@@ -176,9 +176,9 @@ class ImportOptions:
             )
         turning = ~np.array(list(robot.slides.values()))
         scale = np.where(turning & self.degrees, math.pi / 180.0, 1.0)
-        A = self._signs("q", names)[:, None] * np.linalg.inv(G) * scale
+        A = signs["q"][:, None] * np.linalg.inv(G) * scale
         offset = _per_joint(self.offset, names, "offset", 0.0)
-        log = replace(log, tau=_mapped(self._signs("tau", names)[:, None] * (G.T @ K), log.tau))
+        log = replace(log, tau=_mapped(signs["tau"][:, None] * (G.T @ K), log.tau))
         if np.array_equal(A, np.eye(n)) and not offset.any():
             return log
         if log.q.shape[1] != n:
@@ -191,15 +191,14 @@ class ImportOptions:
         v = None if log.v is None else _mapped(A, log.v)
         return replace(log, q=_mapped(A, log.q) + offset, v=v)
 
-    def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
-        """Return the sign (n) of each joint for a signal."""
-        found = np.ones(len(names))
+    def _signs(self, names: list[str]) -> dict[str, np.ndarray]:
+        """Return signal -> the sign (n) of each joint."""
+        found = {signal: np.ones(len(names)) for signal in ("q", "tau")}
         for entry in self.flip:
-            of, _, name = entry.rpartition(":")
-            word(of or "tau", ("q", "tau"), "intake.flip")
+            signal, _, name = entry.rpartition(":")
+            word(signal or "tau", found, "intake.flip")
             word(name, names, "intake.flip")
-            if (of or "tau") == signal:
-                found[list(names).index(name)] *= -1.0
+            found[signal or "tau"][names.index(name)] *= -1.0
         return found
 
     def _in_order_of(self, robot: Robot, log: Log) -> Log:
@@ -207,8 +206,8 @@ class ImportOptions:
         names = robot.joint_names
         if set(names) <= set(log.joints) or not (log.joints and self.joints):
             log = log.of(robot)
-        for signal, own in self._joint_lists():
-            if len(set(own)) != len(own) or len(own) != len(names):
+        for signal, own in self._joint_lists.items():
+            if not len(set(own)) == len(own) == len(names):
                 raise LogError(
                     f"expected a joint of the log for each of {names}, got {own}.",
                     where="intake.joints",
@@ -217,21 +216,20 @@ class ImportOptions:
             log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
         return replace(log, joints=tuple(names)).of(robot)
 
-    def _joint_lists(self) -> Iterator[tuple[str, list[str]]]:
-        """Yield signal and names of its joints in the robot's order."""
+    @property
+    def _joint_lists(self) -> Mapping[str, Sequence[str]]:
+        """Signal -> names of its joints in the robot's order."""
         if isinstance(self.joints, Mapping):
-            yield from ((signal, list(names)) for signal, names in self.joints.items())
-        elif self.joints:
-            yield from ((signal, list(self.joints)) for signal in SIGNALS)
+            return self.joints
+        return dict.fromkeys(SIGNALS, self.joints) if self.joints else {}
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return what is stated as TOML, below comments."""
-        stated = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if not np.array_equal(value, getattr(ImportOptions(), one.name)):
+        stated, default = {}, vars(ImportOptions())
+        for name, value in vars(self).items():
+            if not np.array_equal(value, default[name]):
                 plain = isinstance(value, np.ndarray | tuple)
-                stated[one.name] = np.asarray(value).tolist() if plain else value
+                stated[name] = np.asarray(value).tolist() if plain else value
         return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
 
 
@@ -254,9 +252,9 @@ def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
     """Return gains or gears as a matrix (n, n); None: one."""
     if given is not None and not isinstance(given, Mapping):
-        given = numbers(given, f"intake.{key}")
-        if given.shape == (len(names), len(names)):
-            return np.asarray(given)
+        whole = numbers(given, f"intake.{key}")
+        if whole.shape == (len(names), len(names)):
+            return whole
     return np.diag(_per_joint(given, names, key, 1.0))
 
 

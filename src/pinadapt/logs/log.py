@@ -69,7 +69,7 @@ class Log:
             given = getattr(self, name)
             if given is not None:
                 object.__setattr__(self, name, self._array(given, name, dimensions))
-        rows = {name: self.t for name in SIGNALS} | {"x": self.frames_time}
+        rows = dict.fromkeys(SIGNALS, self.t) | {"x": self.frames_time}
         for name, times in rows.items():
             given = getattr(self, name)
             if given is not None and len(given) != len(times):
@@ -82,7 +82,7 @@ class Log:
     @property
     def duration(self) -> float:
         """Time from the first sample to the last [s]."""
-        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+        return float(np.ptp(self.t)) if len(self.t) else 0.0
 
     @property
     def period(self) -> float:
@@ -126,6 +126,11 @@ class Log:
     def signals(self) -> dict[str, Any]:
         """Return the signals of the joints that were recorded, by name."""
         return {name: part for name in SIGNALS if (part := getattr(self, name)) is not None}
+
+    @property
+    def finite(self) -> np.ndarray:
+        """Whether all signals of the joints are finite in a sample (N)."""
+        return np.isfinite(np.hstack(list(self.signals().values()))).all(axis=1)
 
     def ordered(self, order: Sequence[int], signals: Sequence[str] = SIGNALS) -> Log:
         """Return the log with the columns of some signals in another order."""
@@ -207,7 +212,7 @@ def repeated(log: Log) -> np.ndarray:
     rows = np.hstack(list(log.signals().values()))
     same = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
     rests = np.append(same[1:], [False]) & np.append(same[2:], [False, False])
-    return np.asarray(late | (same & ~rests))
+    return late | (same & ~rests)
 
 
 def check(log: Log, robot: Robot, *, torques: bool = True) -> None:

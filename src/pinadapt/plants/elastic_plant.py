@@ -50,9 +50,9 @@ class ElasticPlant(SimulatedPlant):
     def reset(self) -> None:
         """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
         super().reset()
-        self._t, self._links, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
+        self._links, self._w = self._q, self._v
         gravity = pin.computeGeneralizedGravity(self._model, self._data, self._links)
-        self._d, self._w = gravity / self._K, np.zeros(self.nv)
+        self._d = gravity / self._K
         self._read()
 
     def _take(self, robot: Robot) -> None:

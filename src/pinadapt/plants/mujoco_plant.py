@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
@@ -13,7 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import optional, word
-from ..description.chain import configuration_from_angles, frame_id, is_slide, position_limits
+from ..description.chain import configuration_from_angles, frame_id, is_slide
+from ..description.mjcf import mjcf_text
 from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
 from ..records import Measurement
@@ -67,7 +68,8 @@ class MujocoPlant(SimulatedPlant):
         self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
         if self.described:
             self.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
-        self.model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_AUTORESET)
+        flags = mj.mjtDisableBit
+        self.model.opt.disableflags |= int(flags.mjDSBL_AUTORESET) | int(flags.mjDSBL_ACTUATION)
         self.reset()
 
     def reset(self) -> None:
@@ -78,7 +80,6 @@ class MujocoPlant(SimulatedPlant):
         super().reset()
         mujoco_module().mj_resetData(self.model, self.data)
         self.data.qpos[self._qpos] = self.robot.home_angles
-        self._t = 0.0
         self._read()
 
     def measure(self) -> Measurement:
@@ -165,29 +166,19 @@ mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
 
 
 def chain_of(robot: Robot) -> MujocoChain:
-    """Return a model with a body and a joint for each joint of a robot.
+    """Return a model with a body and a joint for each joint of a robot, and its contacts.
 
-    Names are those of the robot. There are no collisions and no actuators. ``write_robot`` writes
-    the numbers.
+    It is that of ``Robot.mjcf``, but for the inertias: ``write_robot`` writes them.
     """
-    chain, spec = robot.model, mujoco_module().MjSpec()
+    chain = robot.model.copy()
     # The compiler of MuJoCo simplifies what is at the centre of mass and in the main axes of its
-    # body, which must not happen here: this position [m] and quaternion wxyz are others.
-    mass = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
-    spec.modelname, spec.compiler.degree = robot.name, False
-    bodies, (low, high) = [spec.worldbody], position_limits(chain)
-    for i, name in enumerate(robot.joint_names, start=1):
-        body = bodies[chain.parents[i]].add_body(
-            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **mass
-        )
-        joint = body.add_joint(name=name, type=_kind(chain.joints[i]), axis=axis_of(chain, i))
-        limits = low[i - 1], high[i - 1]
-        joint.limited = bool(np.isfinite(limits).all())
-        if joint.limited:
-            joint.range = limits
-        bodies.append(body)
+    # body, which must not happen here: this centre [m] and inertia are others.
+    body = pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.eye(3) + 0.1)
+    for i in range(1, chain.njoints):
+        chain.inertias[i] = body
+    spec = mujoco_module().MjSpec.from_string(mjcf_text(replace(robot, model=chain)))
     if robot.contacts:
-        _add_contacts(spec, robot, bodies)
+        _add_contacts(spec, robot)
     model = spec.compile()
     _stiffen(model.jnt_solref, model.jnt_solimp)
     _stiffen(model.geom_solref, model.geom_solimp)
@@ -199,7 +190,7 @@ def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
     solref[..., 0], solimp[..., :2] = _STIFF, _HARD
 
 
-def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> None:
+def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Add the ground, and small spheres that touch it: one a point foot, four a sole."""
     mj = mujoco_module()
     spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
@@ -208,11 +199,9 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> N
     spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-        sides: list[tuple[float, ...]] = [(0.0,), (0.0,)]
-        if contact.sole is not None:
-            sides = [(-half, half) for half in contact.sole]
+        sides = [np.unique([-half, half]) for half in contact.sole or (0.0, 0.0)]
         for corner in product(*sides):
-            bodies[frame.parentJoint].add_geom(
+            spec.bodies[frame.parentJoint].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,
                 size=[_TOE, 0.0, 0.0],
                 pos=frame.placement.act(np.array([*corner, 0.0])),
@@ -264,12 +253,6 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
 
 
-def _kind(joint: pin.JointModel) -> Any:
-    """Return what kind of joint of MuJoCo a joint of a chain is."""
-    kinds = mujoco_module().mjtJoint
-    return kinds.mjJNT_SLIDE if is_slide(joint) else kinds.mjJNT_HINGE
-
-
 def write_place(placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
     """Write a placement into a position (3) and a quaternion wxyz (4)."""
     pos[:] = placement.translation
@@ -317,17 +300,14 @@ class MujocoFile:
             raise
         except ValueError as error:
             raise InputError(f"MuJoCo cannot read it: {error}", where=path) from error
-        model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_ACTUATION)
         model.body_gravcomp[:] = 0.0
         joints = [int(model.joint(name).id) for name in names]
         number = int(model.site(site).id) if site else 0
-        base = 0
-        if self.base is not None:
-            bodies = [str(model.body(i).name) for i in range(model.nbody)]
-            base = bodies.index(word(self.base, bodies, "base"))
-            if model.body_weldid[base]:
-                words = f"the body '{self.base}' moves; the base must be fixed."
-                raise InputError(words, where="base")
+        bodies = [str(body.name) for body in spec.bodies]
+        base = int(model.body(word(self.base or "world", bodies, "base")).id)
+        if model.body_weldid[base]:
+            words = f"the body '{self.base}' moves; the base must be fixed."
+            raise InputError(words, where="base")
         found = MujocoChain(model, joints, number, base)
         _check_alike(found, robot, names)
         return found
@@ -385,7 +365,9 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
     hint = "Correct the file, or name as `base` the body whose frame is the description's world."
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
         axis, theirs = ours.oMi[i].rotation @ axis_of(chain, i), turn.T @ data.xaxis[joint]
-        if model.jnt_type[joint] != _kind(chain.joints[i]) or axis @ theirs < WIDEST:
+        slide = is_slide(chain.joints[i])
+        kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
+        if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
             raise InputError(
                 f"joint '{name}' of the file and '{chain.names[i]}' of the description differ in "
                 f"type or in axis at home, {theirs.round(3)} and {axis.round(3)}.",

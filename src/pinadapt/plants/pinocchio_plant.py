@@ -106,11 +106,6 @@ class PinocchioPlant(SimulatedPlant):
         super().__init__(robot, **options)
         self.reset()
 
-    def reset(self) -> None:
-        """Return to the first robot, at its home pose at rest, at time 0."""
-        super().reset()
-        self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
-
     def _take(self, robot: Robot) -> None:
         """Take its equation of motion too."""
         super()._take(robot)
@@ -147,10 +142,10 @@ class PinocchioPlant(SimulatedPlant):
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv), with the rotor inertias of coupled shafts."""
-        M, friction = np.array(pin.crba(self._model, self._data, q)), self.robot.friction
-        for d, shaft in zip(friction.directions, friction.shafts, strict=True):
-            M += shaft.armature * np.outer(d, d)
-        return M
+        friction = self.robot.friction
+        rotors = np.array([shaft.armature for shaft in friction.shafts])
+        coupled = friction.directions.T * rotors @ friction.directions
+        return np.asarray(pin.crba(self._model, self._data, q) + coupled)
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""

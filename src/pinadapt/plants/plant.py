@@ -93,8 +93,6 @@ class SimulatedPlant(Plant):
     longest_step: float = LONGEST_STEP
     described: bool = True
     springs: ClassVar[bool] = False
-    _q: np.ndarray
-    _t: float
 
     def __init__(
         self,
@@ -127,9 +125,10 @@ class SimulatedPlant(Plant):
         self._underway: CommandsUnderway | None = None
 
     def reset(self) -> None:
-        """Return to the first robot; a subclass returns home besides, at rest, at time 0."""
+        """Return to the first robot, at its home pose at rest, at time 0."""
         self._underway = None
         self._take(self._first)
+        self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
 
     def become(self, robot: Robot) -> None:
         """Replace the robot at the same q, v and time; torque limits and springs stay.

@@ -56,22 +56,21 @@ class SimulatedSensors:
         instance(robot, Robot, "robot")
         self.sensors = instance(sensors, Sensors, "sensors")
         dt, n = positive(dt, "dt"), robot.model.nv
-        self._noise = {name: sensors.deviation(name) for name in ("q", "v", "x", "angle")}
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
         self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
         self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
         rows = self.task.positions, self.task.size - self.task.positions
-        if self._noise["angle"] and not (isinstance(self.task, FrameTask) and all(rows)):
+        angle = sensors.deviation("angle")
+        if angle and not (isinstance(self.task, FrameTask) and all(rows)):
             raise InputError(
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        self._deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
+        self._deviations = np.repeat([sensors.deviation("x"), angle], rows)
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
         self._counted, self._count = counts > 0.0, np.where(counts > 0.0, counts, 1.0)
         self._dt, self._camera = dt, sensors.camera or Camera()
-        rate = self._camera.rate
-        self._spacing = 1.0 if rate is None else max(1.0, 1.0 / (rate * dt))
+        self._spacing = max(1.0, 1.0 / ((self._camera.rate or math.inf) * dt))
         self._late, self._robot = round(self._camera.delay / dt), robot
         self.reset()
 
@@ -99,7 +98,7 @@ class SimulatedSensors:
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
             truth = truth._replace(tau=torque + self._off + noise)
         q, v, w = truth.q, truth.v, truth.w
-        if self._noise["q"] or self._noise["v"]:
+        if self.sensors.deviation("q") or self.sensors.deviation("v"):
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")
             w = None if w is None else w + self._white("v")
@@ -127,7 +126,7 @@ class SimulatedSensors:
         return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
-        return self._noise[name] * self._rng.standard_normal(self._model.nv)
+        return self.sensors.deviation(name) * self._rng.standard_normal(self._model.nv)
 
     def _seen(self, truth: Measurement) -> Measurement:
         """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
@@ -135,7 +134,9 @@ class SimulatedSensors:
         if k == 0:
             self._truths.extend([truth] * self._late)
         self._truths.append(truth)
-        frame, taken = self._truths[0], self._takes(k - self._late)
+        frame, exposed = self._truths[0], k - self._late  # a negative sample is before the first
+        nearest = math.floor(exposed / self._spacing + 0.5) * self._spacing
+        taken = math.floor(nearest + 0.5) == exposed  # at multiples of the frame interval, rounded
         comes = k == 0 or (taken and self._of_frames.random() >= self._camera.dropout)
         if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
@@ -144,11 +145,3 @@ class SimulatedSensors:
             noise = self._deviations * self._of_frames.standard_normal(self.task.size)
             x = self.task.moved(x, noise)
         return truth._replace(x=x, x_time=frame.t, xd=xd)
-
-    def _takes(self, sample: int) -> bool:
-        """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
-
-        Samples before the first one have negative numbers.
-        """
-        nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
-        return math.floor(nearest + 0.5) == sample

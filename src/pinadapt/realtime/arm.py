@@ -65,8 +65,8 @@ class ArmFacts:
         word(self.clock, ("arm", "host", "simulated"), "clock")
         n = len(self.joints)
         for name in ("torque", "velocity", "torque_rate"):
-            given = joint_numbers(getattr(self, name), name, n, zero=False, infinite=True)
-            object.__setattr__(self, name, given)
+            limits = joint_numbers(getattr(self, name), name, n, zero=False, infinite=True)
+            object.__setattr__(self, name, limits)
 
     @classmethod
     def of(cls, robot: Robot, **given: object) -> ArmFacts:
@@ -187,7 +187,6 @@ class PlantArm(Arm):
         )
         self._sensors = None if sensors is None else SimulatedSensors(robot, period, sensors)
         self._sent: np.ndarray | None = None
-        self._given: np.ndarray | None = None
         self._count = -1  # the first measurement is of time zero
         plant.reset()
 
@@ -199,15 +198,16 @@ class PlantArm(Arm):
         """
         self._runs()
         self._count += 1
+        given = None
         if self._sent is not None:
+            given = self.plant.motors(self._sent.copy())
             self.plant.step(self._sent.copy(), self.facts.period)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
-        return truth if self._sensors is None else self._sensors.measure(truth, self._given)
+        return truth if self._sensors is None else self._sensors.measure(truth, given)
 
     def send(self, torque: np.ndarray) -> None:
         """Hold a torque (n) [N m or N] from now on."""
         self._sent = np.array(torque, dtype=float)
-        self._given = self.plant.motors(self._sent.copy())
 
     def stop(self, reason: str) -> None:
         """Stop: nothing moves or is measured any more."""
@@ -247,13 +247,10 @@ class ProcessArm(Arm):
             ArmError: the process does not start.
         """
         options = {"period": period, "sensors": sensors}
-        self._process, self._link, facts = start_process(_serve, make, options, scheduling)
+        failure = ArmError("the process of the plant has not started.", where="plant", hint=MAIN)
+        arguments = failure, make, options, scheduling
+        self._process, self._link, facts = start_process(_serve, *arguments)
         self.pid, self._timeout = self._process.pid, timeout
-        if not isinstance(facts, ArmFacts):
-            self.close()
-            raise facts or ArmError(
-                "the process of the plant has not started.", where="plant", hint=MAIN
-            )
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
@@ -318,8 +315,7 @@ def _serve(
         while True:
             link.send(arm.read())
             due = max(due + period, time.monotonic() - 10.0 * period)
-            while (left := due - time.monotonic()) > 0.0:
-                time.sleep(left)
+            time.sleep(max(due - time.monotonic(), 0.0))
             while link.poll():
                 said = link.recv()
                 arm.stop(said) if isinstance(said, str) else arm.send(said)

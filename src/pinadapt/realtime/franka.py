@@ -221,5 +221,4 @@ def at_task_frame(load: Payload, robot: Robot) -> Payload:
             "has no frame '..._link8', the flange, on the body of the task frame.", where="robot"
         )
     seen = task.placement.actInv(flange.placement).act(load.spatial_inertia())
-    full = seen.inertia
-    return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+    return Payload(seen.mass, seen.lever, seen.inertia[np.tril_indices(3)])

@@ -12,6 +12,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
+from ..exceptions import PinadaptError
+
 # [s] that a process may take to start, or to end before it is killed; half or twice: one that
 # hangs is given up as much sooner or later
 _PATIENCE = 60.0
@@ -66,12 +68,15 @@ ORDINARY = Scheduling(None, None, False)  # as any program
 
 
 def start_process(
-    serve: Callable[..., None], *arguments: Any
+    serve: Callable[..., None], failure: PinadaptError, *arguments: Any
 ) -> tuple[SpawnProcess, Connection, Any]:
     """Start a process that serves one end of a pipe.
 
     Returns:
-        The process, the other end, and the first that comes from there; None: it did not start.
+        The process, the other end, and the first that comes from there.
+
+    Raises:
+        PinadaptError: this comes first, or ``failure``, where nothing does.
     """
     context = get_context("spawn")
     link, there = context.Pipe()
@@ -79,9 +84,12 @@ def start_process(
     process.start()
     there.close()
     try:
-        first = link.recv() if link.poll(_PATIENCE) else None
+        first = link.recv() if link.poll(_PATIENCE) else failure
     except (OSError, EOFError):
-        first = None
+        first = failure
+    if isinstance(first, PinadaptError):
+        end_process(process, link)
+        raise first
     return process, link, first
 
 

@@ -109,23 +109,22 @@ class RunResult:
 
 
 class _Ramp(TimeLaw):
-    """The rate of the path's time s rises from 0 to 1 within a while, or falls from 1 to 0.
+    """The rate of the path's time s goes from ``first`` to ``last``, 0 or 1, within a while.
 
-    Until an instant ``begin`` [s] a rising one rests at ``place`` [s], and a falling one passes
-    there at that instant.
+    At the instant ``begin`` [s], when it begins to change, the path's time is ``place`` [s].
     """
 
-    def __init__(self, begin: float, place: float, *, rising: bool) -> None:
-        self._begin, self._place, self._rising = begin, place, rising
+    def __init__(self, begin: float, place: float, first: float, last: float) -> None:
+        self._begin, self._place, self._first, self._change = begin, place, first, last - first
         self._start = SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
         since = t - self._begin
+        first, change = self._first, self._change
         s, rate, acceleration = self._start.at(since)
-        if self._rising:
-            return self._place + s, rate, acceleration
-        return self._place + since - s, 1.0 - rate, -acceleration
+        place = self._place + first * since + change * s
+        return place, first + change * rate, change * acceleration
 
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s], moving."""
@@ -180,8 +179,9 @@ class RealtimeLoop:
         self._facts, self._period = arm.facts, arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
-        self._start = dict(start or {})
-        known = kinematics.calibrated or self._start.get("a_k") is not None
+        given = (start or {}).items()
+        self._start = {name: part for name, part in given if part is not None}
+        known = kinematics.calibrated or "a_k" in self._start
         if self.stage is Stage.SLOW and motion is not None and not known:
             raise InputError(
                 "without adaptation the axes of x remain unknown.",
@@ -206,7 +206,7 @@ class RealtimeLoop:
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
         self._adapting, self._calm = self.stage is Stage.ADAPT, math.inf
-        self._frame: tuple[np.ndarray, float] | None = None  # of another process
+        self._frame: dict[str, Any] = {}  # x and x_time, of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
         self._tick: dict[str, Any] = {}  # what is recorded of a cycle
@@ -258,9 +258,7 @@ class RealtimeLoop:
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
         arm, controller = self._arm, self._controller
-        start = {
-            k: np.asarray(part).tolist() for k, part in self._start.items() if part is not None
-        }
+        start = {name: np.asarray(part).tolist() for name, part in self._start.items()}
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)
@@ -341,15 +339,16 @@ class RealtimeLoop:
             self._flaw = str(error).partition("\n")[0]
         if self._flaw and self._phase is Phase.STARTING:
             raise ArmError(self._flaw, where=self._facts.name)
+        if self.stage is Stage.LOG:  # the torque is not that of the controller
+            self._given, m = m.tau, m._replace(tau=None)
         self._t = m.t
         for name, value in self._recorder.commands() if self._recorder is not None else ():
             try:
                 self._command(name, value)
             except PinadaptError as error:
                 self._note(f"refused: {error}")
-        if self._frame is not None and m.x is None:
-            (x, x_time), self._frame = self._frame, None
-            m = m._replace(x=x, x_time=x_time)
+        if m.x is None:
+            m, self._frame = m._replace(**self._frame), {}
         return m
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
@@ -359,8 +358,10 @@ class RealtimeLoop:
         due = arrived = first = clock()
         host = dt = 0.0
         while True:
-            began = clock()
+            began, state = clock(), self._state
             self._tick |= {"host": began - first, "dt": dt, **m._asdict()}
+            self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
+            self._tick |= {"given": self._given, "received": arm.received, "asked": None}
             torque = self._cycle(m, dt, host)
             if torque is not None:
                 arm.send(torque.copy())
@@ -375,13 +376,9 @@ class RealtimeLoop:
             over = duration is not None and m.t - self._begin >= duration
             if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
-            due += period
+            due = max(due + period, clock() - period)  # one missed deadline is made up for
             if not self._facts.paced:
-                left = due - clock()
-                if left > 0.0:
-                    time.sleep(left)
-                elif left < -period:
-                    due = clock()  # missed deadlines are not made up for
+                time.sleep(max(due - clock(), 0.0))
             before, earlier = arrived, m.t
             m = self._read()
             arrived = clock()
@@ -394,9 +391,7 @@ class RealtimeLoop:
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
-        recorder, state = self._recorder, self._state
-        self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
-        self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
+        recorder = self._recorder
         if self._signals:  # the first one holds, the second one damps, the third one stops
             phase = Phase(min(Phase.RUNNING + self._signals, Phase.STOPPED))
             self._respond(SafetyFinding("interrupt", "Ctrl-C or a signal", phase))
@@ -428,12 +423,9 @@ class RealtimeLoop:
 
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
-        state, controller, given = self._state, self._controller, self._given
-        if self.stage is Stage.LOG:  # the torque is not that of the controller
-            given, m = m.tau, m._replace(tau=None)
-            self._tick |= {"given": given, "tau": None}
+        controller, logging = self._controller, self.stage is Stage.LOG
         adapting = self._adapting and self._calm > _SETTLED and self._phase is Phase.RUNNING
-        state = state.adapt(adapting).gave(given)
+        state = self._state.adapt(adapting).gave(self._given)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
             torque, after = controller.step(state, m, desired, self._period)
@@ -446,11 +438,10 @@ class RealtimeLoop:
         self._state = after
         feet = getattr(desired.feet, "table", None)
         self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
-        sensed, task = after.sensed, controller.kinematics.task
-        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
-        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
+        sensed, x = after.sensed, np.asarray(after.sensed.x)
+        dx = controller.kinematics.task.error(x, desired.x_d)
         age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
-        pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
+        pushed = None if logging else controller.disturbance(after)
         finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
         if finding is not None and finding.phase is Phase.RUNNING:
@@ -459,7 +450,7 @@ class RealtimeLoop:
             self._calm = 0.0
         else:
             self._calm += self._period
-        if self.stage is not Stage.LOG:
+        if not logging:
             self._respond(finding)
         return torque
 
@@ -515,7 +506,7 @@ class RealtimeLoop:
         self._say(f"{name}: {why}")
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
-            self._path = Retimed(self._path, _Ramp(self._now, self._now, rising=False))
+            self._path = Retimed(self._path, _Ramp(self._now, self._now, 1.0, 0.0))
         self._phase, self._since, self._quiet = phase, 0.0, 0.0
         self._halted = commanded and phase is Phase.HOLDING
 
@@ -571,7 +562,8 @@ class RealtimeLoop:
         elif name == "frame" and isinstance(value, Mapping):
             size = self._controller.kinematics.task.coordinates
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
-            self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
+            x = vector(value.get("x", ()), size, "frame.x", fills=False)
+            self._frame = {"x": x, "x_time": self._t - age}
         elif name == "stop" and self._phase is not Phase.STARTING:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
         elif name == "load" and self._phase is not Phase.STARTING:
@@ -598,7 +590,7 @@ class RealtimeLoop:
 
     def _go(self, motion: Trajectory, place: float, why: str) -> None:
         """Move on along a motion from a place [s] of its own time, at rest there."""
-        self._path = Retimed(motion, _Ramp(self._now, place, rising=True))
+        self._path = Retimed(motion, _Ramp(self._now, place, 0.0, 1.0))
         self._enter(Phase.RUNNING, why, commanded=True)
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import select
 import signal
 import socket
@@ -48,8 +47,7 @@ COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference"
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
-_MAGIC = b"\x89MCAP0\r\n"  # that an MCAP file begins and ends with
-
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # with which a message of CDR begins
 _LINE = "================================================================================"
 _HEADER = f"""{_LINE}
 MSG: std_msgs/Header
@@ -97,15 +95,15 @@ def tick_of(about: Mapping[str, str]) -> np.dtype[Any]:
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
-    """Return a message of texts, 32-bit integers and arrays of float64, each aligned."""
+    """Return a message of texts, 32-bit integers and lists of float64, each aligned."""
     body = bytearray()
     for value in values:
+        raw = value.encode() + b"\0" if isinstance(value, str) else b""
+        number = value.size if isinstance(value, np.ndarray) else len(raw) or value
+        body += bytes(-len(body) % 4) + struct.pack("<I", number) + raw
         if isinstance(value, np.ndarray):
             body += bytes(-len(body) % 8) + value.tobytes()
-            continue
-        raw = value.encode() + b"\0" if isinstance(value, str) else b""
-        body += bytes(-len(body) % 4) + struct.pack("<I", len(raw) if raw else value) + raw
-    return b"\x00\x01\x00\x00" + bytes(body)
+    return _LITTLE_ENDIAN + bytes(body)
 
 
 class Recorder:
@@ -143,21 +141,6 @@ class Recorder:
         self.path, self.trouble = Path(path), ""
         if port is not None:
             whole(port, "port", 0, most=2**16 - 1)
-        server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if server is not None:
-                server.bind(("127.0.0.1", port))
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.write_bytes(b"")
-        except OSError as error:
-            if server is not None:
-                server.close()
-            raise InputError(
-                f"log or port {port} cannot be used: {error.strerror or error}.",
-                where=str(path),
-                hint="Choose another file by --log, and another port, or 0 for any.",
-            ) from error
-        self.port: int | None = None if server is None else server.getsockname()[1]
         about = {
             "version": __version__,
             "robot": kinematics.robot.name,
@@ -169,19 +152,14 @@ class Recorder:
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        context = get_context("spawn")
-        size = _ROWS * tick_of(about).itemsize
-        shared = context.RawArray("b", size), context.RawArray("Q", 2)
-        self._ring, self._counts = _views(shared, about)
+        context, tick = get_context("spawn"), tick_of(about)
+        shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
+        self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
         self._count = 0
-        arguments = shared, about, self.path, server, dict(translate or {})
-        self._process, self._link, ready = start_process(_serve, *arguments)
+        failure = InputError("the process of the log has not started.", where=str(path), hint=MAIN)
+        arguments = failure, shared, about, self.path, port, dict(translate or {})
+        self._process, self._link, self.port = start_process(_serve, *arguments)
         self.pid = self._process.pid
-        if server is not None:
-            server.close()
-        if not ready:
-            self.close()
-            raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
 
     def record(self, cycle: Mapping[str, Any]) -> None:
         """Hand on the record of a cycle; a full ring drops it, and says so.
@@ -232,13 +210,12 @@ class Recorder:
         self.close()
 
 
-def _views(shared: tuple[Any, Any], about: Mapping[str, str]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ring of records, and how many were written and read."""
-    return np.frombuffer(shared[0], tick_of(about)), np.frombuffer(shared[1], np.uint64)
-
-
 class _LogProcess:
-    """What the process beside the loop does."""
+    """What the process beside the loop does.
+
+    Attributes:
+        port: at which it answers, or None.
+    """
 
     def __init__(
         self,
@@ -246,19 +223,32 @@ class _LogProcess:
         shared: tuple[Any, Any],
         about: dict[str, str],
         path: Path,
-        server: socket.socket | None,
+        port: int | None,
         translate: dict[str, Translator],
     ) -> None:
-        self._ring, self._counts = _views(shared, about)
-        self._link, self._server = link, server
+        self._server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if port is not None:
+                self._server.bind(("127.0.0.1", port))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("wb")
+        except OSError as error:
+            raise InputError(
+                f"log or port {port} cannot be used: {error.strerror or error}.",
+                where=str(path),
+                hint="Choose another file by --log, and another port, or 0 for any.",
+            ) from error
+        self.port = None if port is None else self._server.getsockname()[1]
+        self._ring = np.frombuffer(shared[0], tick_of(about))
+        self._counts = np.frombuffer(shared[1], "u8")  # of records, written and read
+        self._link = link
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
-        self._start, self._zero = time.time_ns(), 0.0
+        self._start = time.time_ns()  # at the arm's time zero, once it is known
         self._messages = deque[str](maxlen=20)
         from mcap.writer import CompressionType, Writer
 
-        self._file = path.open("wb")
         chunk = int(self._ring.itemsize * _CHUNK / float(about["period"]))
         self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
@@ -272,7 +262,7 @@ class _LogProcess:
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited: list[Any] = [self._link, self._server] if self._server else [self._link]
+        waited: list[Any] = [self._link, self._server]
         said: dict[str, Any] | None = {}
         while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]
@@ -311,23 +301,22 @@ class _LogProcess:
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
-        return self._start + round(1e9 * (float(self._row["t"]) - self._zero))
+        return self._start + round(1e9 * float(self._row["t"]))
 
     def _drain(self) -> None:
         """Take the records that have come."""
         while self._read < int(self._counts[0]):
             self._row = row = self._ring[self._read % len(self._ring)].copy()
             if not self._read:
-                self._zero = float(row["t"])
+                self._start -= round(1e9 * float(row["t"]))
             self._read += 1
             self._counts[1] = self._read
-            self._add("/pinadapt/cycle", cdr(np.frombuffer(row.tobytes())))
-            if row["q"].size == len(self._joints):
+            self._add("/pinadapt/cycle", _LITTLE_ENDIAN + row.tobytes())
+            q, n = row["q"], len(self._joints)
+            if q.size == n:
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
-                n, parts = len(self._joints), (row["q"], row["v"], tau)
-                listed = [part for values in parts for part in (n, values)]
                 header = divmod(self._stamp(), 10**9)
-                self._add("/joint_states", cdr(*header, "", n, *self._joints, *listed))
+                self._add("/joint_states", cdr(*header, "", n, *self._joints, q, row["v"], tau))
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)
@@ -336,7 +325,6 @@ class _LogProcess:
 
     def _answer(self) -> None:
         """Answer one datagram."""
-        assert self._server is not None
         with suppress(OSError):
             said, sender = self._server.recvfrom(1 << 16)
             try:
@@ -374,8 +362,12 @@ class _LogProcess:
 def _serve(link: Connection, *arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    process = _LogProcess(link, *arguments)
-    link.send(True)
+    try:
+        process = _LogProcess(link, *arguments)
+    except InputError as refusal:
+        link.send(refusal)
+        return
+    link.send(process.port)
     process.run()
 
 
@@ -450,10 +442,12 @@ def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]
 
 def measurement_of(row: np.void) -> Measurement:
     """Return the measurement in a record of a cycle."""
-    values: dict[str, Any] = {name: np.array(row[name]) for name in Measurement._fields}
-    absent = [name for name, value in values.items() if np.isnan(value).all()]
-    times = {name: float(values[name]) for name in ("t", "x_time")}
-    return Measurement(**values | times | dict.fromkeys(absent))
+    return Measurement(*(_signal(row, name) for name in Measurement._fields))
+
+
+def _signal(row: np.void, name: str) -> Any:
+    """Return a number or an array in a record of a cycle, None for one that it lacks."""
+    return None if np.isnan(row[name]).all() else row[name].copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -484,6 +478,7 @@ class CycleLog:
 
         about: dict[str, str] = {}
         found: dict[str, list[bytes]] = {}
+        whole = False
         with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
             with suppress(McapError, struct.error):  # where its end is missing
                 for _, channel, message in NonSeekingReader(file).iter_messages(
@@ -491,8 +486,7 @@ class CycleLog:
                 ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
-            file.seek(-len(_MAGIC), os.SEEK_END)
-            whole = file.read() == _MAGIC
+                whole = True
             data = b"".join(found["/pinadapt/cycle"])
             cycles = np.frombuffer(data, tick_of(about)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
@@ -532,8 +526,8 @@ class CycleLog:
                 state = controller.announce(state, payload=load_of(announced[k]))
             if not stepped[k]:
                 continue
-            m, given = measurement_of(row), np.array(row["given"])
-            desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
+            m = measurement_of(row)
+            desired = Desired(*(_signal(row, name) for name in Desired._fields))
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
@@ -541,8 +535,7 @@ class CycleLog:
                     state = controller.init(m, **start)
                 except ParameterError:  # other unknowns: from its own estimates
                     state = controller.init(m)
-            state = state.adapt(bool(row["adapting"]))
-            state = state.gave(None if np.isnan(given).any() else given)
+            state = state.adapt(bool(row["adapting"])).gave(_signal(row, "given"))
             torque, state = controller.step(state, m, desired, float(begun["period"]))
             found.append(torque)
         logged = self.cycles.asked[stepped]

@@ -144,7 +144,7 @@ class Checklist:
         self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        self._places = [joint.idx_q for joint in model.joints[1:]]
+        self._places = model.idx_qs.tolist()[1:]
         self._lower, self._upper = lower + safety.margin, upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
@@ -162,8 +162,11 @@ class Checklist:
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = 0.0  # [s] at a limit
-        self._mean: np.ndarray = np.zeros(n)
-        self._time = 0.0
+        self.announced()
+
+    def announced(self) -> None:
+        """Take what is unexplained from now on for a part of the model: a load was attached."""
+        self._mean, self._time = np.zeros(self.limit.size), 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -230,7 +233,7 @@ class Checklist:
         residual = np.abs(self.residual)
         outside: Any = False
         if self._box is not None:
-            p = x[: self._task.positions]
+            p = self._task.position(x)
             outside = np.maximum(self._box[0] - p, p - self._box[1])
         return self._first(
             ("contact", Phase.DAMPING, residual, self._contact, _CONTACT),
@@ -260,10 +263,6 @@ class Checklist:
                 )
                 return SafetyFinding(check, text, phase)
         return None
-
-    def announced(self) -> None:
-        """Take what is unexplained from now on for a part of the model: a load was attached."""
-        self._mean, self._time = np.zeros(self.limit.size), 0.0
 
     @property
     def unexplained(self) -> np.ndarray:

@@ -52,17 +52,9 @@ class Evaluation(NamedTuple):
             raise ParameterError("the last estimates are not finite.", where="rollout")
         return state
 
-    def true_values(
-        self, value: Callable[[Robot], np.ndarray | None], samples: Sequence[Sample]
-    ) -> np.ndarray | None:
-        """Return a value (p) of the true robot at each sample (N, p), None where one has none."""
-        found = [value(robot) for robot in self.true.robots] if self.true.known else [None]
-        rows = _rows(found)
-        return None if rows is None else np.asarray(rows[self.robots_at(samples)])
-
-    def robots_at(self, samples: Sequence[Sample]) -> np.ndarray:
-        """Return the index of the true robot at each of the samples (N)."""
-        return self.true.index(np.array([sample.t for sample in samples]))
+    def true_values(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
+        """Return a value (p) of each of the r true robots (r, p), None where one has none."""
+        return _rows([value(robot) for robot in self.true.robots]) if self.true.known else None
 
     @np.errstate(all="ignore")  # a loop that diverges overflows
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
@@ -71,14 +63,14 @@ class Evaluation(NamedTuple):
         NaN at a sample that the controller had to bridge.
         """
         controller, V = self.controller, []
-        true_k = self.true_values(controller.kinematics.value, samples)
-        true_d = self.true_values(controller.dynamics.value, samples)
+        true_k = self.true_values(controller.kinematics.value)
+        true_d = self.true_values(controller.dynamics.value)
         if true_k is None or true_d is None or not samples:
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
-        robots = self.robots_at(samples)
-        for sample, k, a_k, a_d in zip(samples, robots, true_k, true_d, strict=True):
-            parts = controller.parameter_storage(sample.state, a_k, a_d)
+        for sample in samples:
+            k = int(self.true.index(sample.t))
+            parts = controller.parameter_storage(sample.state, true_k[k], true_d[k])
             if parts is None:
                 return None
             try:
@@ -86,7 +78,7 @@ class Evaluation(NamedTuple):
             except ImplausibleError:
                 V.append(np.nan)
                 continue
-            truth = truth_at(plants[k], sample, a_k, a_d)
+            truth = truth_at(plants[k], sample, true_k[k], true_d[k])
             V.append(parts + controller.law.storage(signals, truth))
         return np.array(V)
 
@@ -115,12 +107,6 @@ class Slowdown(NamedTuple):
     least_rate: float
 
 
-def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
-    """Return the intervals in which the path was slowed by more than 1 %, in order."""
-    paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-    return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
-
-
 class Shortfall(NamedTuple):
     """An interval in which contacts and motors could not give the torque that the law asked for.
 
@@ -134,12 +120,6 @@ class Shortfall(NamedTuple):
     end: float
     cause: str
     largest: float
-
-
-def shortfalls(samples: Sequence[Sample]) -> tuple[Shortfall, ...]:
-    """Return the intervals in which the torque was infeasible, in order."""
-    missed = [(sample.state.t, sample.state.missed) for sample in samples]
-    return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
 
 
 def _episodes(
@@ -286,11 +266,6 @@ class Recording:
             zero for a point; None where the motion does not say.
         unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],
             or None where it is not known.
-        path_time: (N) time s of the path [s]; None for a run without a governor.
-        slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
-        infeasible: when contacts and motors could not give what the law asked for, and why.
-        ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
-            ``pinadapt.rollout.ringing``.
     """
 
     title: str
@@ -320,10 +295,6 @@ class Recording:
     interrupted: float | None = None
     path_extent: float | None = None
     unadapted: float | None = None
-    path_time: np.ndarray | None = None
-    slowed: tuple[Slowdown, ...] = ()
-    infeasible: tuple[Shortfall, ...] = ()
-    ringing: Ringing | None = None
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -415,10 +386,10 @@ class Recording:
     def _true(self, model: str) -> np.ndarray | None:
         """Return the true parameters of the kinematics or the dynamics of the controller."""
         run = self.evaluated()
-        rows = run.true_values(getattr(run.controller, model).value, run.samples)
-        if rows is None or not len(rows) or len(run.true.robots) > 1:
-            return rows
-        return np.asarray(rows[0])
+        rows = run.true_values(getattr(run.controller, model).value)
+        if rows is None:
+            return None
+        return np.asarray(rows[0] if len(rows) == 1 else rows[run.true.index(self.t)])
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
@@ -429,9 +400,7 @@ class Recording:
         torques, truth = self.motion_torques(), self.a_d_true
         if torques is None:
             return None
-        return TorquePrediction.of(
-            torques, truth if truth is None or truth.ndim == 1 else truth[-1]
-        )
+        return TorquePrediction.of(torques, truth if truth is None else np.atleast_2d(truth)[-1])
 
     @cached_property
     def not_identified(self) -> tuple[str, ...]:
@@ -480,36 +449,29 @@ class Recording:
         return None if V is None else (self.t[chosen], V)
 
     @cached_property
+    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        controller = self.evaluated().controller
-        dynamics, project = controller.dynamics, controller.adaptation_d.project
-
-        def mass_matrix(sample: Sample) -> np.ndarray:
+        run, found = self.evaluated(), []
+        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
+        for sample in run.samples:
             q = sample.measurement.q
             dynamics.load(project(sample.state.dynamic, q))
-            return dynamics.mass_matrix(q)
-
-        return self._of_each(mass_matrix, lambda M: np.linalg.eigvalsh(M)[0])
+            M = dynamics.mass_matrix(q)
+            found.append(np.linalg.eigvalsh(M)[0] if np.isfinite(M).all() else np.nan)
+        return np.array(found)
 
     @cached_property
+    @np.errstate(all="ignore")
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
-        kinematics = self.evaluated().controller.kinematics
-
-        def jacobian(sample: Sample) -> np.ndarray:
+        run, found = self.evaluated(), []
+        kinematics = run.controller.kinematics
+        for sample in run.samples:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            return kinematics.J
-
-        return self._of_each(jacobian, lambda J: np.linalg.svd(J, compute_uv=False)[-1])
-
-    @np.errstate(all="ignore")
-    def _of_each(
-        self, matrix: Callable[[Sample], np.ndarray], number: Callable[[np.ndarray], float]
-    ) -> np.ndarray:
-        """Return a number (N) of a matrix of each sample, NaN where that is not finite."""
-        matrices = map(matrix, self.evaluated().samples)
-        return np.array([number(A) if np.isfinite(A).all() else np.nan for A in matrices])
+            J = kinematics.J
+            found.append(np.linalg.svd(J, compute_uv=False)[-1] if np.isfinite(J).all() else np.nan)
+        return np.array(found)
 
     @cached_property
     @np.errstate(all="ignore")
@@ -531,6 +493,31 @@ class Recording:
         return extreme(np.max, np.array(found))
 
     @cached_property
+    def path_time(self) -> np.ndarray | None:
+        """Time s of the path (N) [s]; None for a run without a governor."""
+        paths = [sample.state.path for sample in self.evaluated().samples]
+        lags = _rows([None if path is None else path.lag for path in paths])
+        return None if lags is None else self.t - lags
+
+    @cached_property
+    def slowed(self) -> tuple[Slowdown, ...]:
+        """When a governor slowed the path by more than 1 %, and why; see ``Limits.governor``."""
+        samples = self.evaluated().samples
+        paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
+        return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
+
+    @cached_property
+    def infeasible(self) -> tuple[Shortfall, ...]:
+        """When contacts and motors could not give what the law asked for, and why."""
+        missed = [(sample.state.t, sample.state.missed) for sample in self.evaluated().samples]
+        return _episodes(Shortfall, max, [(t, m.size > 0.0, m.cause, m.size) for t, m in missed])
+
+    @cached_property
+    def ringing(self) -> Ringing | None:
+        """Which torque oscillates faster than the motion, or None; see ``rollout.ringing``."""
+        return ringing_of(self.t, self.tau, self.evaluated().controller)
+
+    @cached_property
     def disturbance(self) -> np.ndarray | None:
         """The torque (N, nv) [N m or N] that acts on the joints and is not in the model.
 
@@ -543,7 +530,7 @@ class Recording:
     def limits(self) -> LimitExcess:
         """How far the motion of each joint exceeded the description's limits."""
         robot = self.evaluated().true.robots[0]
-        q = self.q[:, [joint.idx_q for joint in robot.model.joints[1:]]]
+        q = self.q[:, robot.model.idx_qs.tolist()[1:]]
         return LimitExcess.of(robot, q, self.v, self.tau)
 
     @cached_property

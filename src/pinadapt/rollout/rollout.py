@@ -82,8 +82,7 @@ class Rollout(Recording, Printed):
         are computed from them: this takes a while, and an interruption must not lose the run.
         """
         for names in (RECORDED, RECORDED + COMPUTED):
-            arrays = {name: getattr(self, name) for name in names}
-            kept = {name: array for name, array in arrays.items() if array is not None}
+            kept = {name: x for name in names if (x := getattr(self, name)) is not None}
             with whole_file(Path(folder) / "rollout.npz") as file:
                 np.savez_compressed(file, **kept)
         write_json(Path(folder) / "summary.json", self.numbers)

@@ -64,7 +64,6 @@ _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_ide
 def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
-    prediction = None if found is None else asdict(found)
     numbers = {
         "verdict": "",  # follows from the others
         "error_share": run.error_share,
@@ -82,7 +81,7 @@ def summary(run: Recording) -> Numbers:
         "wall_time_s": run.wall_time,
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
-        "torque_prediction": prediction,
+        "torque_prediction": found and asdict(found),
         "changes": [
             {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients
@@ -190,9 +189,8 @@ def load(folder: Path) -> dict[str, Any]:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         ringing = numbers["ringing"]
         fields = {name: numbers[name] for name in _NAMED} | numbers["recorded"]
-        lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
         return {
-            **fields | lists,
+            **{name: tuple(x) if isinstance(x, list) else x for name, x in fields.items()},
             **{name: file.get(name) for name in RECORDED + COMPUTED},
             "numbers": numbers,
             "ringing": ringing and Ringing(**ringing),

@@ -17,7 +17,7 @@ from ..exceptions import MeasurementError, ScenarioError
 from ..plants.mujoco_plant import MujocoFile
 from ..records import Sensors
 from ..robot.loading import load
-from ..robot.motors import Gravity, torque_limits
+from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
@@ -149,11 +149,7 @@ class Scenario:
 
     def findings(self) -> list[str]:
         """Return the warnings of the pre-run check of period, sensors and motors."""
-        if self.engine.continuous:
-            return []
-        motors = torque_limits(self.true, self.engine.torque_limits is not False)
-        dt = self.engine.period(self.controller)
-        return findings(self.true, self.controller, dt, self.sensors, motors, self.engine.actuators)
+        return findings(self.true, self.controller, self.engine, self.sensors)
 
     def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.

@@ -19,7 +19,7 @@ from ..robot.motors import Actuators
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
-PLANTS: dict[str, PlantMaker] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
+PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
 @dataclass(frozen=True)

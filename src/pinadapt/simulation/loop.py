@@ -55,10 +55,8 @@ class Events:
             InputError: times that are not positive and finite, or announcements that
                 ``Controller.announce`` does not take.
         """
-        self.changes: dict[float, Robot] = in_time(changes, "events.changes")
-        self.announcements: dict[float, Mapping[str, Any]] = in_time(
-            announcements, "events.announcements"
-        )
+        self.changes = in_time(changes, "events.changes")
+        self.announcements = in_time(announcements, "events.announcements")
         for time, announced in self.announcements.items():
             where = f"events.announcements[{time:g}]"
             for name in mapping(announced, where):
@@ -156,14 +154,13 @@ def run(
     simulated: Any = plant
     given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
-        truth = plant.measure()
-        if not truth.v.dot(truth.v) < ABSURD**2:  # also true for NaN
-            _bring_to_rest(plant, controller, state, truth, dt)
-            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", truth.t)
-        measurement = truth if sensors is None else sensors.measure(truth, given)
-        if state is None:
-            state = controller.init(measurement)
+        truth = measurement = plant.measure()
         try:
+            _check_speed(truth.v, truth.t)
+            if sensors is not None:
+                measurement = sensors.measure(truth, given)
+            if state is None:
+                state = controller.init(measurement)
             desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 _, command = controller.command(state, measurement, desired)
@@ -182,6 +179,16 @@ def run(
         state = after
         if events is not None:
             state = events.happen(plant, controller, state, truth.t, truth.t + dt)
+
+
+def _check_speed(v: np.ndarray, t: float) -> None:
+    """Refuse joint velocities v (nv) at t [s] that no robot has.
+
+    Raises:
+        DivergedError: they are absurd, or NaN.
+    """
+    if not v.dot(v) < ABSURD**2:
+        raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", t)
 
 
 def _bring_to_rest(
@@ -315,12 +322,10 @@ def run_continuous(
             raise ended(error, t) from error
         y = y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
         v = y[n : 2 * n]
-        if not v.dot(v) < ABSURD**2:  # also true for NaN
-            raise DivergedError(f"the joint velocities exceed {ABSURD:g} rad/s or m/s.", after)
+        _check_speed(v, after)
         q = plant.integrate(q, y[:n])  # exact, as one-joint groups commute
         state = state.with_flat(y[2 * n :])
         # the estimate that the adaptation keeps there: a projection is a jump, not a slope
         kept = controller.adaptation_d.project(state.dynamic, q)
-        if kept is not state.a_d:
-            state = state._replace(dynamic=state.dynamic.with_value(kept))
+        state = state._replace(dynamic=state.dynamic.with_value(kept))
         state = events.happen(plant, controller, state, t, after)

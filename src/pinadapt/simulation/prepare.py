@@ -16,11 +16,12 @@ from ..exceptions import InputError
 from ..laws import DEFAULT
 from ..plants.plant import SimulatedPlant
 from ..records import Sensors
-from ..robot.motors import Actuators, overloaded
+from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight, sensor_findings
+from .engine import Engine
 
 _START = ("a_k", "a_d", "information", "information_k")
 
@@ -60,23 +61,22 @@ def prepare(
 def findings(
     true: Robot,
     controller: Controller,
-    dt: float,
+    engine: Engine,
     sensors: Sensors,
-    motors: np.ndarray | None,
-    actuators: Actuators | None,
 ) -> list[str]:
-    """Return the findings on period, camera, encoders and motors before a run.
+    """Return the findings on period, camera, encoders and motors before a sampled run.
 
     Args:
         true: the true robot.
         controller: to drive it.
-        dt: sampling period [s].
+        engine: what moves the true robot.
         sensors: of the true robot.
-        motors: limits (n) [N m or N] at which the motors clip, or None.
-        actuators: of the true robot; None: as the controller has them declared.
     """
+    if engine.continuous:
+        return []
+    dt, motors = engine.period(controller), engine.motors(true)
     quality = sensors.quality(true.model.nv, dt)
-    found = [*preflight(controller, dt, actuators), *sensor_findings(controller, quality)]
+    found = [*preflight(controller, dt, engine.actuators), *sensor_findings(controller, quality)]
     words = [str(each) for each in found]
     if motors is not None and controller.compensation is None:
         words += filter(None, [overloaded(true, motors)])

@@ -29,7 +29,7 @@ from ..records import Sensors
 from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
-from ..rollout.recording import Evaluation, ringing_of, shortfalls, slowdowns
+from ..rollout.recording import Evaluation
 from ..rollout.rollout import Rollout
 from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike
@@ -173,7 +173,7 @@ def simulate(
     if isinstance(plant, PinocchioPlant) and engine.continuous:
         stream = run_continuous(plant, controller, trajectory, **options)
     else:
-        for finding in findings(true, controller, dt, sensors, motors, engine.actuators):
+        for finding in findings(true, controller, engine, sensors):
             warnings.warn(finding, stacklevel=3)
         options["sensors"] = None if sensors.perfect else simulated
         stream = run(plant, controller, trajectory, **options)
@@ -331,8 +331,7 @@ def rollout_of(
         """Return a number of the samples' arrays as one (N, size)."""
         return np.array([of(sample) for sample in samples], dtype=float).reshape(len(samples), size)
 
-    t, tau = np.array([sample.t for sample in samples]), column(lambda s: s.torque, n)
-    lags = [path.lag for sample in samples if (path := sample.state.path) is not None]
+    tau = column(lambda s: s.torque, n)
     words = dict(robots.words)
     for time in announced:
         words[time] = f"{words[time]}, announced" if time in words else "announced"
@@ -348,7 +347,7 @@ def rollout_of(
         joint_names=tuple(robot.joint_names),
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
-        t=t,
+        t=np.array([sample.t for sample in samples]),
         q=column(lambda s: s.truth.q, robot.model.nq),
         v=column(lambda s: s.truth.v, n),
         tau=tau,
@@ -366,8 +365,4 @@ def rollout_of(
         interrupted=kept.interrupted,
         bridged=samples[-1].state.bridged if samples else Bridged(),
         path_extent=extent,
-        path_time=t - np.array(lags) if samples and len(lags) == len(samples) else None,
-        slowed=slowdowns(samples),
-        infeasible=shortfalls(samples),
-        ringing=ringing_of(t, tau, controller),
     )
