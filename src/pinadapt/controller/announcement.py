@@ -13,13 +13,11 @@ from numpy.typing import ArrayLike
 from ..adaptation.adaptation import Adaptation
 from ..description.chain import frame_id
 from ..exceptions import ParameterError
-from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import placement_of
-from ..robot.changes import Load, Payload, by_frame
+from ..robot.changes import Load, by_frame
 from ..robot.robot import Robot
-from .limits import ControllerLimits
 from .state import ControllerState
 
 
@@ -41,15 +39,12 @@ class NominalRobot:
 
 
 class ControllerParts(Protocol):
-    """The parts of a controller; see there."""
+    """The parts of a controller that are announced or learned; see there."""
 
-    law: Law
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation_k: Adaptation
     adaptation_d: Adaptation
-    limits: ControllerLimits
-    period: float
     nominal: NominalRobot | None
 
 
@@ -72,8 +67,6 @@ def announced_state(
             hint="Give it Controller(..., nominal=NominalRobot(robot)), or use make_controller.",
         )
     if not isinstance(payload, EllipsisType):
-        if not isinstance(payload, Payload | Mapping | None):
-            raise ParameterError(f"expected a Payload or None, got {payload!r}.", where="payload")
         state = _loaded(controller, nominal, state, payload)
     if tool_translation is None:
         return state
@@ -93,7 +86,7 @@ def _loaded(
     cover them, else as described.
     """
     described = nominal.robot(state.load), nominal.robot(load)
-    estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
+    estimated = [at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
     init = controller.adaptation_d.init
     for before, after in (estimated, described):
         a_d, a_0 = (controller.dynamics.with_load(a, before, after) for a in (state.a_d, state.a_0))
@@ -109,7 +102,7 @@ def _loaded(
     )
 
 
-def _at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
+def at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
     """Return a robot with its unknown translations at an estimate (p) [m]."""
     model = robot.model.copy()
     kinematics.write(model, a_k)

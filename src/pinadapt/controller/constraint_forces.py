@@ -6,11 +6,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import optional
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError, RobotError
+from ..models.typical_motion import joint_inertia
 from ..robot.constraints import DEPENDENT, Constraints, Contact
 from ..robot.robot import Robot
 
@@ -83,16 +83,13 @@ class ConstraintForces:
             RobotError: the constraints leave a motion that no motor moves.
             InputError: the solver is not installed.
         """
-        self.constraints = robot.constrained if constraints is None else constraints
+        self.constraints = constraints or robot.constrained
         n, self._contacts = robot.model.nv, robot.contacts
         self._motors, self._idle = np.flatnonzero(robot.motors), np.flatnonzero(~robot.motors)
-        self._efforts = [f"effort of {robot.joint_names[i]}" for i in self._motors]
-        if self._contacts:
-            _solver()
+        self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
         limits = np.full(n, _NONE) if limits is None else np.minimum(limits, _NONE)
         self._limits = limits[self._motors]
-        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
-        self._mobilities = 1.0 / np.diag(M)
+        self._mobilities = 1.0 / joint_inertia(robot)
         A, _ = self.constraints.at(robot.q0, np.zeros(n))
         idle = A[:, self._idle]
         if np.linalg.matrix_rank(idle, tol=DEPENDENT * np.linalg.norm(idle)) < idle.shape[1]:
@@ -109,16 +106,21 @@ class ConstraintForces:
         self._H = np.diag(np.repeat((_FORCES, _SLACK), (k, m)))
         self._equal = np.zeros((rest + squeezes, k + m))
         self._equal[:m, k:] = np.eye(m)
-        self._cones = np.zeros((sum(len(_pyramid(part)) for part in self._contacts), k + m))
-        self._soles, first, row = list[tuple[Contact, np.ndarray, slice, slice]](), k, 0
-        first -= sum(part.size for part in self._contacts)  # the contacts come last
-        for part in self._contacts:
-            own = _pyramid(part)
-            rows, columns = slice(row, row + len(own)), slice(first, first + part.size)
-            self._cones[rows, columns] = own
-            if part.sole is not None:
-                self._soles.append((part, own, rows, columns))
-            row, first = rows.stop, columns.stop
+        if self._contacts:
+            from scipy.linalg import block_diag  # here, because scipy is slow to import
+
+            _solver()
+            pyramids = [_pyramid(part) for part in self._contacts]
+            cones = block_diag(*pyramids)
+            first, borne = k - cones.shape[1], list[str]()  # the contacts come last
+            self._cones = np.pad(cones, ((0, self._motors.size), (first, m)))
+            self._soles = []  # and the first columns of their forces, and of their torques
+            for part, pyramid in zip(self._contacts, pyramids, strict=True):
+                borne += [f"contact of {part.frame}"] * len(pyramid)
+                if part.sole is not None:
+                    self._soles += [(part, first), (part, first + 3)]
+                first += part.size
+            self._names = borne + self._names
 
     def solve(
         self,
@@ -160,11 +162,9 @@ class ConstraintForces:
         if len(equal) > rest:
             equal[rest:, :k], right[rest:] = self.constraints.squeezes(k)
         if self._contacts:
-            C = np.concatenate([self._cones, np.zeros((len(own), len(H)))])
-            n = len(self._cones)
-            for part, pyramid, rows, columns in self._soles:  # stated in the axes of the sole
-                R = self.constraints.axes(part).T
-                C[rows, columns] = np.hstack([pyramid[:, :3] @ R, pyramid[:, 3:] @ R])
+            C, n = self._cones.copy(), len(self._cones) - len(own)
+            for part, at in self._soles:  # stated in the axes of the sole
+                C[:, at : at + 3] = C[:, at : at + 3].dot(self.constraints.axes(part).T)
             C[n:, :k], low, high = own, np.zeros(len(C)), np.full(len(C), _NONE)
             low[n:], high[n:] = asked - self._limits, asked + self._limits
             solve = _solver().dense.solve
@@ -180,13 +180,11 @@ class ConstraintForces:
         size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
         if not size > _MISSED * math.sqrt(wanted.dot(wanted)):
             return Solution(torque, forces, FEASIBLE)
-        pressed, names = np.abs(beyond), self._efforts
+        pressed = np.abs(beyond)
         if self._contacts:
-            at = C @ x
-            pressed = np.abs(found.z) if found.z.any() else np.maximum(low - at, at - high)
-            names = [f"contact of {part.frame}" for part in self._contacts for _ in _pyramid(part)]
-            names += self._efforts
-        return Solution(torque, forces, Missed(size, names[int(pressed.argmax())]))
+            rows = C @ x
+            pressed = np.abs(found.z) if found.z.any() else np.maximum(low - rows, rows - high)
+        return Solution(torque, forces, Missed(size, self._names[int(pressed.argmax())]))
 
     def of_contacts(self, forces: np.ndarray) -> np.ndarray:
         """Return forces [N] and torques [N m] on the contacts' frames (c, 6), in world axes."""
@@ -211,12 +209,11 @@ def _pyramid(contact: Contact) -> np.ndarray:
     a quarter of the sum of half the length and half the width. That is a quarter to a third of what
     the corners bear by themselves, as they bear forces along the ground too.
     """
-    mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
-    rows = np.zeros((5 if contact.sole is None else 11, 3 if contact.sole is None else 6))
+    mu, rows = contact.friction / np.sqrt(2.0), np.zeros((11, 6))  # the pyramid inside of the cone
     rows[:5, :3] = [[0, 0, 1], [-1, 0, mu], [1, 0, mu], [0, -1, mu], [0, 1, mu]]
-    if contact.sole is not None:
-        length, width = contact.sole
-        lever = 0.25 * contact.friction * (length + width)
-        rows[5:, 2] = np.repeat([width, length, lever], 2)
-        rows[5::2, 3:], rows[6::2, 3:] = -np.eye(3), np.eye(3)
+    if contact.sole is None:
+        return rows[:5, :3]
+    length, width = contact.sole
+    rows[5:, 2] = np.repeat([width, length, 0.25 * contact.friction * (length + width)], 2)
+    rows[5::2, 3:], rows[6::2, 3:] = -np.eye(3), np.eye(3)
     return rows

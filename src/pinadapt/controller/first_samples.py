@@ -124,10 +124,10 @@ class FirstSamples:
         falling = np.linalg.solve(M, own)
         if not (np.abs(falling).max() > _STILL and np.abs(a).max() > _STILL):
             return None
-        r = M @ a + pin.rnea(model, data, q, v, 0.0 * v) + self.robot.friction_at(q).torque(v) - tau
-        size = float(own @ falling)
-        share = float(falling @ r) / size
-        noise = CERTAIN * float(np.linalg.norm(own * self.noise)) / size
+        r = pin.rnea(model, data, q, v, a) + self.robot.friction_at(q).torque(v) - tau
+        size = own @ falling
+        share = falling @ r / size
+        noise = CERTAIN * np.linalg.norm(own * self.noise) / size
         aside = r - share * own  # small where it is gravity
         along = aside @ np.linalg.solve(M, aside) < 0.25 * share**2 * size
         return share if along and share > _FALLS + noise else 0.0
@@ -138,16 +138,17 @@ def make_first_samples(
 ) -> FirstSamples | None:
     """Return what the first samples are compared with, at a sampling period dt [s].
 
-    None where gravity is none, or is declared to be compensated. A window has twelve periods or
-    more, and is up to four times as long if its noise is more than a tenth of gravity.
+    None where gravity is none, is declared to be compensated, or is borne by constraints. A window
+    has twelve periods or more, and is up to four times as long if its noise is more than a tenth of
+    gravity.
     """
     model = robot.model
-    if compensation is not None or not np.any(model.gravity.linear):
+    if compensation is not None or robot.constraints or not np.any(model.gravity.linear):
         return None
     gravity = Gravity(unloaded)
     own = gravity(robot.q0)
-    size = float(own @ np.linalg.solve(pin.crba(model, model.createData(), robot.q0), own))
-    counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), model.nv)
+    size = own @ np.linalg.solve(pin.crba(model, model.createData(), robot.q0), own)
+    counts = np.asarray(sensors.encoder, dtype=float)
     # variance of the slope of v over T: that of q / T^4, and that of v / T^3
     of_q = 72.0 * (counts**2 / 12.0 + sensors.deviation("q") ** 2)
     of_v = 12.0 * dt * sensors.deviation("v") ** 2 * np.ones(model.nv)
@@ -155,6 +156,6 @@ def make_first_samples(
     for periods in range(shortest, 4 * shortest + 1):
         T = periods * dt
         noise = np.sqrt(of_q / T**4 + of_v / T**3)
-        if CERTAIN * float(np.linalg.norm(own * noise)) <= 0.1 * size:
+        if CERTAIN * np.linalg.norm(own * noise) <= 0.1 * size:
             break
     return FirstSamples(robot.undrawn(), gravity, T, noise)

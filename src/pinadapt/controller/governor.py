@@ -17,10 +17,10 @@ from numpy import empty
 
 from .._checks import positive
 from .._kernels import samples as kernels
-from ..description.chain import is_slide, position_limits, velocity_limits
+from ..description.chain import position_limits, velocity_limits
 from ..exceptions import GainError
 from ..models.right_inverse import RightInverse
-from ..records import Desired, Sensors
+from ..records import Camera, Desired, Sensors
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
 from ..trajectories.trajectory import Trajectory
@@ -128,7 +128,12 @@ class Governor:
             )
 
     def of(
-        self, robot: Robot, task: Task, sensors: Sensors, torque: np.ndarray | None
+        self,
+        robot: Robot,
+        task: Task,
+        sensors: Sensors,
+        torque: np.ndarray | None,
+        home: float = 0.0,
     ) -> PathGovernor:
         """Return the governor of one robot.
 
@@ -137,10 +142,12 @@ class Governor:
             task: the controlled coordinates.
             sensors: as declared.
             torque: (n) limits of the controller [N m or N], or None.
+            home: conditioning of J_hat at home; zero for a law that needs no distance from
+                singularities.
         """
         model = robot.model
         lower, upper = position_limits(model)
-        slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+        slides = np.array(list(robot.slides.values()))
         causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
@@ -161,6 +168,8 @@ class Governor:
             velocity=self.speed * velocity_limits(model),
             torque=np.full(model.nv, np.inf) if torque is None else torque,
             frames=explained_age(sensors) + _SPARE,
+            near=self.near * home,
+            singular=self.singular * home,
         )
 
 
@@ -170,9 +179,7 @@ def explained_age(sensors: Sensors) -> float:
     With the share p of lost frames k of them in a row are lost with probability p^k; those with
     less than one in a million are not explained.
     """
-    camera = sensors.camera
-    if camera is None:
-        return 0.0
+    camera = sensors.camera or Camera()
     lost = math.ceil(math.log(1e-6) / math.log(camera.dropout)) if camera.dropout else 0
     return camera.delay + (0.0 if camera.rate is None else (1 + lost) / camera.rate)
 
@@ -205,8 +212,8 @@ class PathGovernor:
     velocity: np.ndarray
     torque: np.ndarray
     frames: float
-    near: float = 0.0
-    singular: float = 0.0
+    near: float
+    singular: float
 
     def target(
         self,
@@ -256,19 +263,16 @@ class PathGovernor:
         w = self.settings.quick
         y = rate + acceleration / w
         w_y = w if target <= y else self.settings.recovery
-        # y = target + (y_0 - target) e_y; rate = target + A e_y + B e, by partial fractions
-        e, e_y = math.exp(-w * dt), math.exp(-w_y * dt)
+        # y = target + ahead e_y; rate = target + ahead passed + (rate - target) e
+        ahead, e, e_y = y - target, math.exp(-w * dt), math.exp(-w_y * dt)
         if w_y == w:
-            A, B = 0.0, rate - target
-            ramp = (y - target) * w * dt * e
-            area = (y - target) * (1.0 - e * (1.0 + w * dt)) / w
+            passed, area = w * dt * e, (1.0 - e * (1.0 + w * dt)) / w
         else:
-            A = (y - target) * w / (w - w_y)
-            B, ramp = rate - target - A, 0.0
-            area = A * (1.0 - e_y) / w_y
-        after = target + A * e_y + B * e + ramp
-        y_after = target + (y - target) * e_y
-        moved = target * dt + area + B * (1.0 - e) / w
+            share = w / (w - w_y)
+            passed, area = share * (e_y - e), share * ((1.0 - e_y) / w_y - (1.0 - e) / w)
+        after = target + ahead * passed + (rate - target) * e
+        y_after = target + ahead * e_y
+        moved = target * dt + ahead * area + (rate - target) * (1.0 - e) / w
         if target == 1.0 and 1.0 - min(after, y_after) < _DONE:
             return PathTime(lag + dt - moved)
         return PathTime(lag + dt - moved, after, w * (y_after - after), cause or before)

@@ -27,11 +27,9 @@ class InputCheck:
     def __init__(self, kinematics: TaskKinematics, dynamic_size: int) -> None:
         """Take the sizes to expect."""
         self._task = task = kinematics.task
-        self._measures_x = task.positions > 0
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
-        self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
-        self._estimates = self._a_d, self._a_k, self._a_d
+        self._estimates = (dynamic_size,), (kinematics.size,), (dynamic_size,)
         self._contacts = kinematics.robot.contacts
 
     def sample(
@@ -93,9 +91,8 @@ class InputCheck:
             InputError: no measurement.
             MeasurementError: a signal is missing, of the wrong size, or not made of numbers.
         """
-        if not isinstance(given, Measurement):
-            raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
-        if not self._measures_x:  # a joint task
+        instance(given, Measurement, "measurement")
+        if not self._task.positions:  # a joint task
             given = given._replace(x=None, x_time=None, xd=None)
         parts: dict[str, Any] = {"t": _number(given.t, "t"), "tau": given.tau}
         if given.x_time is not None:
@@ -120,8 +117,10 @@ class InputCheck:
         Raises:
             MeasurementError: of the wrong size, or not made of finite numbers.
         """
-        tau = None if given is None else _array(given, self._v, "tau")
-        if tau is not None and not np.isfinite(tau).all():
+        if given is None:
+            return None
+        tau = _array(given, self._v, "tau")
+        if not np.isfinite(tau).all():
             raise MeasurementError("tau", given)
         return tau
 
@@ -134,7 +133,7 @@ class InputCheck:
         """
         try:
             measurement = self.measurement(given)
-            if measurement.x is None and self._measures_x:
+            if measurement.x is None and self._task.positions:
                 raise MeasurementError("x", None, "is missing, and the first sample needs it")
             self.finite(measurement)
         except MeasurementError as error:  # without the hint for a loop that runs
@@ -148,8 +147,7 @@ class InputCheck:
         Raises:
             InputError: no desired motion, of the wrong size, or not made of numbers.
         """
-        if not isinstance(given, Desired):
-            raise InputError(f"expected a Desired, got {given!r}.", where="desired")
+        instance(given, Desired, "desired")
         shapes = self._x, self._m, self._m
         try:
             desired = Desired(*map(_array, given, shapes, Desired._fields))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
-from .announcement import ControllerParts
+from .announcement import ControllerParts, at_lengths
 from .state import ControllerState
 
 _FORMAT = "pinadapt learned parameters"
@@ -73,7 +74,7 @@ class AlongExcited:
             )
             warnings.warn(words, stacklevel=4)
             return a, words
-        still = [n for n, no in zip(self.excited.names, self.excited.still, strict=True) if no]
+        still = list(compress(self.excited.names, self.excited.still))
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
         kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
         words = (
@@ -94,10 +95,8 @@ def learned_robot(
     a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
     kinematics, made_for = controller.kinematics, controller.nominal
     nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
-    learned = controller.dynamics.robot(a_d, nominal)
-    model = learned.model.copy()
-    kinematics.write(model, state.a_k)
-    return replace(learned, model=model, loads=(), remark=words)
+    learned = at_lengths(controller.dynamics.robot(a_d, nominal), kinematics, state.a_k)
+    return replace(learned, loads=(), remark=words)
 
 
 _SHAPES = ("threshold", "breakaway", "fading")
@@ -140,7 +139,7 @@ class LearnedParameters:
         controller: ControllerParts,
         state: ControllerState,
         along: AlongExcited | None = None,
-        rows: np.ndarray | None = None,
+        rows: Iterable[np.ndarray] = (),
     ) -> LearnedParameters:
         """Return the estimates in a state of a controller.
 
@@ -151,7 +150,6 @@ class LearnedParameters:
             rows: (r, p) the information of the data.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
-        rows = np.zeros((0, 0)) if rows is None else rows
         kinematics, dynamics = controller.kinematics, controller.dynamics
         units = dict(zip(kinematics.names, kinematics.units, strict=True))
         units |= dict(zip(dynamics.names, dynamics.units, strict=True))
@@ -206,8 +204,6 @@ class LearnedParameters:
         Raises:
             RobotError: a shape for other joints.
         """
-        if not self.shape:
-            return robot
         return replace(robot, friction=_shaped(robot.friction, self.shape))
 
     def save(self, path: Path | str) -> None:
@@ -249,10 +245,7 @@ def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> n
     With C the columns of these, (1 - C C^+) R: its square is the Schur complement of their block in
     R^T R.
     """
-    loaded = {f"{body}.{part}" for body in bodies for part in LABELS}
-    own = [k for k, name in enumerate(names) if name in loaded]
-    if not own:
-        return rows
+    own = np.isin(names, [f"{body}.{part}" for body in bodies for part in LABELS])
     sizes = np.linalg.norm(rows[:, own], axis=0)
     columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
     left = rows - columns @ (np.linalg.pinv(columns, ROUNDING) @ rows)
@@ -262,12 +255,8 @@ def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> n
 
 def _shape_of(friction: Friction) -> dict[str, Any]:
     """Return what differs from the usual shape of friction, as ``LearnedParameters.shape``."""
-    usual = Friction(friction.viscous, friction.coulomb)
-    shape: dict[str, Any] = {
-        name: getattr(friction, name).tolist()
-        for name in _SHAPES
-        if not np.array_equal(getattr(friction, name), getattr(usual, name))
-    }
+    special = friction.special.items()
+    shape: dict[str, Any] = {name: part.tolist() for name, part in special if name in _SHAPES}
     if friction.shafts:
         shape["shafts"] = [
             [list(part.joints), part.sign, part.threshold] for part in friction.shafts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +17,8 @@ from ..records import Sensors
 from ..robot.motors import Actuators, torque_limits
 from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
-from .sensing import GUARDS
 
+GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
 # of the sizes of estimates, or a norm of joint velocities [rad/s or m/s]: a loop that has diverged;
 # half or twice: it ends a sample or two earlier or later
 ABSURD = 1e4
@@ -89,6 +89,12 @@ class Limits:
         if not isinstance(self.torque, bool | None):
             joint_numbers(self.torque, "limits.torque", zero=False, infinite=True, error=GainError)
 
+    @property
+    def watched(self) -> dict[str, bool]:
+        """Which of ``GUARDS`` there are."""
+        given = self.guards if isinstance(self.guards, Mapping) else {}
+        return dict.fromkeys(GUARDS, self.guards is not False) | dict(given)
+
 
 @dataclass(frozen=True, eq=False)
 class ControllerLimits:
@@ -141,18 +147,13 @@ def limits_for(
     still = np.zeros(robot.model.nv)
     kinematics.update(kinematics.initial, robot.q0, still)
     s_home = kinematics.inverse(robot.q0, still, 1.0).conditioning  # damped: no home is refused
-    size = (
-        float(np.linalg.norm(dynamics.initial))
-        + sum(body.mass for body in robot.model.inertias)
-        + robot.reach
-    )
+    size = float(np.linalg.norm(dynamics.initial)) + robot.mass + robot.reach
     torque = torque_limits(robot, limits.torque)
-    governor = Governor() if limits.governor is True else limits.governor or None
     path = None
-    if governor is not None:
-        path = governor.of(robot, kinematics.task, sensors, torque)
-        if not (law.keeps_speeds or law.set_point):
-            path = replace(path, singular=governor.singular * s_home, near=governor.near * s_home)
+    if limits.governor:
+        governor = Governor() if limits.governor is True else limits.governor
+        home = 0.0 if law.keeps_speeds or law.set_point else s_home
+        path = governor.of(robot, kinematics.task, sensors, torque, home)
     return ControllerLimits(
         torque,
         limits.damping * s_home,
@@ -160,18 +161,15 @@ def limits_for(
         limits.stop_on_divergence,
         path,
         np.inf if limits.guards is False else SLIP,
-        _IDEAL if limits.actuators is None else limits.actuators,
+        limits.actuators or _IDEAL,
     )
 
 
-def make_box(
-    robot: Robot, kinematics: TaskKinematics, given: ArrayLike | bool | None
-) -> np.ndarray | None:
+def make_box(kinematics: TaskKinematics, given: ArrayLike | bool | None) -> np.ndarray | None:
     """Return the box (2, p) of the kinematic estimates, lower bounds first, or None for none.
 
     Args:
-        robot: the model.
-        kinematics: its unknown translations.
+        kinematics: the unknown translations.
         given: a margin [m] around the nominal values, or p of them; both bounds (2, p) [m]; False
             for none. By default a length lies between a tenth and ten times the nominal one,
             other coordinates within half the robot's reach, those of the base within ten times.

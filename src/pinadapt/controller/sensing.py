@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import EllipsisType
 from typing import Any
@@ -15,13 +14,9 @@ from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement, SensorQuality, Sensors
-from ..robot.motors import Compensation
-from ..robot.robot import Robot
 from . import clock
-from .first_samples import FirstSamples, make_first_samples
-from .residuals import TIME, Guards, make_guards, new_monitor
-
-GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
+from .first_samples import FirstSamples
+from .residuals import TIME, Guards, new_monitor
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +131,8 @@ class Senses:
         The monitor has the way of each joint since the first such sample, and for how long nothing
         of it was used. Without q and v, the velocity decays at a rate [1/s].
         """
-        q = _numbers(None if sample is None else sample.q, before.q.size)
-        v = _numbers(None if sample is None else sample.v, before.v.size)
+        q = _numbers(getattr(sample, "q", None), before.q.size)
+        v = _numbers(getattr(sample, "v", None), before.v.size)
         _, q, v, monitor = self.guards.check_joints(before, q, v, dt, decay)
         return before._replace(q=q, v=v, monitor=monitor)
 
@@ -148,38 +143,3 @@ def _numbers(given: Any, size: int) -> np.ndarray:
         return np.asarray(given, dtype=float).reshape(size)
     except (TypeError, ValueError):
         return np.full(size, np.nan)
-
-
-def make_senses(
-    robot: Robot,
-    kinematics: TaskKinematics,
-    guards: Mapping[str, bool] | bool,
-    quality: SensorQuality,
-    *,
-    unloaded: Robot,
-    box: np.ndarray | None,
-    sensors: Sensors,
-    compensation: Compensation | None,
-    dt: float,
-    compensator: DelayCompensator,
-    low_pass: LowPass | None,
-) -> Senses:
-    """Return the senses of a controller with a period dt [s], for a robot and one without its load.
-
-    ``guards`` is False for none, or some of ``GUARDS`` with False; the box (2, p) is that of the
-    kinematic estimates [m]; the compensation is what the arm is declared to add to the command.
-    """
-    on = dict.fromkeys(GUARDS, guards is not False)
-    on |= guards if isinstance(guards, Mapping) else {}
-    first = None
-    if on["gravity"] and not robot.constraints:
-        first = make_first_samples(robot, unloaded, sensors, compensation, dt)
-    return Senses(
-        make_guards(robot, kinematics, on, quality, box=box, sensors=sensors, dt=dt),
-        compensator,
-        low_pass,
-        quality,
-        sensors,
-        on["time"],
-        first,
-    )

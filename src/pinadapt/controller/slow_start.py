@@ -25,13 +25,11 @@ from ..models.delay_compensation import SensedState
 from ..models.physical_fit import sums_of
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
-from ..records import Desired, Measurement
+from ..records import Camera, Desired, Measurement
 from ..signals import Signals
 from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
 from .controller import Controller, predicted_at_rest
 from .governor import PathTime
-from .residuals import Guards
-from .sensing import Senses
 from .state import ControllerState
 
 AXES = "unknown axes"  # the cause for which the path waits
@@ -73,7 +71,7 @@ class Start(NamedTuple):
             fitted: how many parameters were fitted.
         """
         change = np.append(step, 1.0)
-        return max(float(change @ self.sums @ change) / max(1, self.rows - fitted), least**2)
+        return max(change @ self.sums @ change / max(1, self.rows - fitted), least**2)
 
 
 class SlowStart(Controller):
@@ -109,7 +107,6 @@ class SlowStart(Controller):
             adaptation_k=Frozen(),
             adaptation_d=self.adaptation_d,
             limits=replace(self.limits, governor=None),
-            senses=Senses(Guards.none(kinematics.robot.model)),
             compensation=self.compensation,
             period=self.period,
         )
@@ -158,15 +155,14 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        cycle, place = self._motion, path.lag - _SETTLING
         # time in the cycle; negative: before the first
-        place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
+        place = math.fmod(path.lag - _SETTLING, self._cycle.settles + self._rest)
         with self.reserved():
             sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
             t, begun = held.t, None
             taken = t if sensed.frame is None else sensed.frame.t
             if taken > start.taken and sensed.epsilon.size:
-                rests = place - cycle.settles - (t - taken)
+                rests = place - self._cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
                 sums = start.sums + sums_of(sensed.X_k, sensed.epsilon)
                 seen = start.rows + sensed.epsilon.size
@@ -175,9 +171,9 @@ class SlowStart(Controller):
                     begun = self._begun(state, start, measurement)
         if begun is not None:
             return super().step(begun, measurement, desired, dt)
-        if not 0.0 <= place < cycle.settles:
+        if not 0.0 <= place < self._cycle.settles:
             start = start._replace(size=_BALL * self.kinematics.robot.reach * state.adapting)
-        e, ed, edd = (start.ways.dot(start.size * each) for each in cycle.at(place))
+        e, ed, edd = (start.ways.dot(start.size * each) for each in self._cycle.at(place))
         inner = state._replace(
             kinematic=Estimate(np.zeros(0)),
             filters=start.filters,
@@ -202,7 +198,7 @@ class SlowStart(Controller):
         )
 
     @cached_property
-    def _motion(self) -> Waypoints:
+    def _cycle(self) -> Waypoints:
         """A cycle of the frame on the unit sphere, in which each axis is excited as the others."""
         none, corners = np.zeros(3), [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
         return Waypoints(np.vstack([none, corners, none]) / math.sqrt(3.0), _SEGMENT)
@@ -210,16 +206,13 @@ class SlowStart(Controller):
     @cached_property
     def _rest(self) -> float:
         """How long the frame rests after each cycle, for two frames of the camera [s]."""
-        camera = self.sensors.camera
-        if camera is None:
-            return _REST
+        camera = self.sensors.camera or Camera()
         return camera.delay + max(_REST, 0.0 if camera.rate is None else 2.0 / camera.rate)
 
-    def _known(self, start: Start, a_k: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    def _known(self, start: Start, a_k: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return the kinematic estimate (p) from the frames, its information (p, p) and error.
 
         The error is the standard deviation of a predicted velocity, relative to that of the frame.
-        None while it is too large to begin.
 
         Args:
             start: with the frames.
@@ -244,13 +237,10 @@ class SlowStart(Controller):
             if other < uncertain:
                 uncertain, found = other, nearest
                 information = kinematics.information(rigid, of_rigid)
-        uncertain /= max(1.0, size)
-        if uncertain > _KNOWN:
-            return None
         box = self.adaptation_k
         if isinstance(box, BoxProjection):
             found = np.clip(found, box.low, box.high)
-        return found, information, uncertain
+        return found, information, uncertain / max(1.0, size)
 
     def _uncertain(self, start: Start, a_k: np.ndarray, P: np.ndarray) -> tuple[float, float]:
         """Return the largest standard deviation of a coordinate of a predicted velocity, and size.
@@ -274,10 +264,9 @@ class SlowStart(Controller):
 
         The arm is at rest: all frames together give its position, the last one its orientation.
         """
-        known = self._known(start, state.a_k)
-        if known is None:
+        a_k, information, uncertain = self._known(start, state.a_k)
+        if uncertain > _KNOWN:
             return None
-        a_k, information, uncertain = known
         before = state.sensed._replace(x=np.array(measurement.x, dtype=float))
         sensed = predicted_at_rest(before, self.kinematics, a_k)
         assert state.path is not None

@@ -351,7 +351,7 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
     U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
     straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, U @ V))
-    check_axes(U @ V if mirrored < 0.5 * turned else R, p, x, motion)
+    check_axes(U @ V if mirrored < 0.5 * turned else R, x, motion)
     if tracker:
         return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
     angle = float(np.linalg.norm(pin.log3(R)))

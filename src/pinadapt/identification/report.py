@@ -242,10 +242,10 @@ class Identification(Printed):
         """
         from scipy.interpolate import CubicSpline  # here, because scipy is slow to import
 
-        windows, a = self.windows, self.dynamic.estimate
-        left = windows.residual(a)
+        windows = self.windows
+        left = windows.residual(self.dynamic.estimate)
         rate = CubicSpline(windows.t, windows.tau - left)(windows.t, 1)
-        return lateness(a, windows.W, left, rate, lasting_noise(left) + TINY)
+        return lateness(windows.W, left, rate, lasting_noise(left) + TINY)
 
     def _notes(self) -> Iterator[str]:
         """Yield what a user should look at: another clock, bodies or a load that cannot be."""

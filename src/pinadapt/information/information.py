@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from ..models.excited import Excited, TorqueErrors, scales
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import MeasuredMotion, at_times, motion_of_samples
+from .measured_motion import at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
@@ -158,7 +159,7 @@ def dynamic_information(
         least_noise: of a torque, as a share of its mean size.
     """
     motion = motion_of_samples(model, samples)
-    W, r = _torque_rows(dynamics, a_d, motion)
+    W, r = _torque_rows(dynamics, a_d, *motion[1:5])
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
     W, r = (
         part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]).mean(axis=1)
@@ -169,12 +170,17 @@ def dynamic_information(
 
 
 def _torque_rows(
-    dynamics: Dynamics, a_d: np.ndarray, motion: MeasuredMotion
+    dynamics: Dynamics,
+    a_d: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    tau: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return slopes (N, n, p) and residuals (N, n) of the torques of a motion at a_d (p)."""
     dynamics.load(a_d)
-    W, r = np.zeros((*motion.tau.shape, dynamics.size)), motion.tau.copy()
-    for k, state in enumerate(zip(*motion[1:4], strict=True)):
+    W, r = np.zeros((*tau.shape, dynamics.size)), tau.copy()
+    for k, state in enumerate(zip(q, v, a, strict=True)):
         W[k] = dynamics.regressor(*state)
         r[k] -= dynamics.torque(*state)
     return W, r
@@ -250,7 +256,6 @@ def fitted(
 
 
 def lateness(
-    estimate: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
     rate: np.ndarray,
@@ -263,18 +268,16 @@ def lateness(
     The lateness is one more parameter, beside which the others are fitted again.
 
     Args:
-        estimate: (p) of parameters.
         W: (N, n, p) slopes of the signals.
-        r: (N, n) residuals at the estimate.
+        r: (N, n) residuals at an estimate of the parameters.
         rate: (N, n) of the signals.
         noise: (n) of the signals.
         prior: (p) inverse variances of what was known before.
         off: (p) what was known before, less the estimate.
     """
-    W, p = np.concatenate([W, -rate[..., None]], axis=2), estimate.size
-    prior, off = (np.append(np.broadcast_to(part, p), 0.0) for part in (prior, off))
-    at = np.append(estimate, 0.0)
-    found = Information.of_rows([""] * at.size, at, W, r, noise, prior, off)
+    prior, off = (np.append(np.broadcast_to(part, W.shape[2]), 0.0) for part in (prior, off))
+    W = np.concatenate([W, -rate[..., None]], axis=2)
+    found = Information.of_rows([""] * prior.size, 0.0 * prior, W, r, noise, prior, off)
     return float(found.correction[-1]), float(found.refined().deviations[-1])
 
 
@@ -331,10 +334,11 @@ class Excitation(Printed):
 
     def sheet(self) -> Report:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
-        parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
-        seen = {name: part for name, part in parts.items() if part.names}
-        overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
-        tables = (parameter_table(part, self.units) for part in seen.values())
+        overview, tables = [], []
+        for name, part in (("kinematic", self.kinematic), ("dynamic", self.dynamic)):
+            if part.names:
+                overview.append((f"{name} parameters", identifiable(part)))
+                tables.append(parameter_table(part, self.units))
         return Report("Excitation", [Table(overview), *tables])
 
 
@@ -389,6 +393,7 @@ class TorquePrediction:
         identifiable_error: their error at the last estimate relative to the first, in the metric of
             ``Excited``. None where the truth is unknown, or was known at first.
         not_excited: names of the parameters that hardly change the torques.
+        share_first, share_last: the first and the last error relative to the torques.
     """
 
     rms: float
@@ -397,16 +402,8 @@ class TorquePrediction:
     identifiable: int
     identifiable_error: float | None
     not_excited: tuple[str, ...]
-
-    @property
-    def share_first(self) -> float:
-        """The first error relative to the torques."""
-        return self.error_first / max(self.rms, np.finfo(float).tiny)
-
-    @property
-    def share_last(self) -> float:
-        """The last error relative to the torques."""
-        return self.error_last / max(self.rms, np.finfo(float).tiny)
+    share_first: float
+    share_last: float
 
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
@@ -415,9 +412,10 @@ class TorquePrediction:
         if truth is not None:
             before, after = (excited.distance(a, truth) for a in ends)
             left = after / before if before > 0.0 else None
-        still = [name for name, no in zip(excited.names, excited.still, strict=True) if no]
         first, last = map(torques.sums.error, ends)
-        return cls(torques.sums.size, first, last, excited.rank, left, tuple(still))
+        still, size = tuple(compress(excited.names, excited.still)), torques.sums.size
+        shares = (error / max(size, np.finfo(float).tiny) for error in (first, last))
+        return cls(size, first, last, excited.rank, left, still, *shares)
 
 
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:
@@ -436,10 +434,10 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
     some = np.unique(np.linspace(0, len(motion.t) - 1, 400).astype(int))
-    t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
+    q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
+    Y, residual = _torque_rows(dynamics, last, q, v, a, tau)
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
         free = np.array([constraints.free(*state)[0] for state in zip(q, v, strict=True)])
         Y = free @ Y

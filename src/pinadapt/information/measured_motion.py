@@ -156,8 +156,9 @@ def at_times(
         A mask (M) of the times that are between two samples, and the configurations (K, nq) and
         velocities (K, n) at these.
     """
-    within = (times >= t[:1].sum()) & (times <= t[-1:].sum()) & (len(t) > 1)
-    k = np.clip(np.searchsorted(t, times[within], side="right") - 1, 0, max(len(t) - 2, 0))
+    earlier, not_later = (np.searchsorted(t, times, side=side) for side in ("left", "right"))
+    within = (not_later > 0) & (earlier < len(t)) & (len(t) > 1)
+    k = np.minimum(not_later[within], len(t) - 1) - 1
     steps = t[k + 1] - t[k]
     moved = [pin.difference(model, q[i], q[i + 1]) for i in k]
     rates = np.array(moved).reshape(-1, model.nv) / steps[:, None]
@@ -179,14 +180,15 @@ class Averages:
         from scipy.sparse import csc_array  # here, because scipy is slow to import
 
         self.length = length = max(LENGTH, FEWEST * period)
-        count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
-        self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        first, last = np.searchsorted(t, self.t + 0.5 * length * np.array([[-1.0], [1.0]]))
+        count = max(int((t[-1] - t[0]) / length * OVERLAP) - OVERLAP + 1, 0)
+        half = 0.5 * length
+        self.t = t[0] + half + np.arange(count) * length / OVERLAP
+        first, last = np.searchsorted(t, [self.t - half, self.t + half])
         gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / FEWEST))  # before each sample
         before, after = gaps[np.clip([first - 1, last], 0, len(t) - 1)]
         self.whole = before == after
         window = np.repeat(np.arange(count), last - first)
-        sample = np.array([k for ends in zip(first, last, strict=True) for k in range(*ends)], int)
+        sample = np.concatenate([np.arange(0), *map(np.arange, first, last)])
         steps = np.append(np.diff(t), 0.0)
         trapezoids = 0.5 * (steps + np.roll(steps, 1))[sample]
         self.phi, self.rate = (
@@ -197,7 +199,7 @@ class Averages:
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
         found = self.phi @ values.reshape(len(values), -1)
-        return np.asarray(found.reshape(-1, *values.shape[1:]))
+        return found.reshape(-1, *values.shape[1:])
 
 
 def bump(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:

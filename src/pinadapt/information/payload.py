@@ -67,10 +67,15 @@ class PayloadEstimate(Printed):
         cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
     ) -> PayloadEstimate:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        (mass, com, inertia), known = (
-            (float(part[0]), part[1:4], part[4:]) for part in (value, deviation)
+        return cls(
+            float(value[0]),
+            float(deviation[0]),
+            value[1:4],
+            deviation[1:4],
+            value[4:],
+            deviation[4:],
+            explained,
         )
-        return cls(mass, known[0], com, known[1], inertia, known[2], explained)
 
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +204,7 @@ def usual_load(robot: Robot) -> np.ndarray:
     """
     ball = pin.Inertia.FromSphere(LOAD * robot.mass, LOAD * robot.reach)
     placement = robot.model.frames[robot.frame_id].placement
-    return np.asarray(placement.act(ball).toDynamicParameters())
+    return placement.act(ball).toDynamicParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,8 +239,7 @@ class ArmPrior:
                     where="arm",
                     hint="State the robot's mass when it is loaded, or leave arm out.",
                 )
-            values, vectors = np.linalg.eigh(covariance)
-            root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
+            root[:size, :size] = share / INERTIA * np.linalg.cholesky(covariance)
             root[:size, size] = share * mean[:size]  # all together, such as a wrong total mass
         return cls(mean, root, size)
 
@@ -316,9 +320,9 @@ def whole_arm_information(
         state: whose estimates are taken.
     """
     robot = described_robot(controller)
-    adapted = dict(zip(controller.dynamics.names, state.a_d, strict=True))
-    each = zip(dynamics.names, described_values(dynamics, robot), strict=True)
-    a = np.array([adapted.get(name, described) for name, described in each])
+    values = dict(zip(dynamics.names, described_values(dynamics, robot), strict=True))
+    values |= zip(controller.dynamics.names, state.a_d, strict=True)
+    a = np.array([values[name] for name in dynamics.names])
     return dynamic_information(dynamics, robot.model, samples, a, LEAST_NOISE)
 
 

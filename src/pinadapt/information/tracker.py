@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -104,21 +105,20 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     own: TrackerKinematics = instance(kinematics, TrackerKinematics, "kinematics", LogError)
     reach, a = own.robot.reach, own.initial
     seen = _Seen.of(own, samples)
-    p, x, motion = seen.p, seen.x, spread(seen.p)
+    x, motion = seen.x, spread(seen.p)
     X, left, _ = seen.rows(a)
-    size = np.arange(a.size).reshape(x.shape[1], -1)
-    lumped = a.copy()
-    lumped[size[:, :-1]] = 0.0  # of which only the sizes are known beforehand
-    prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(p)
+    shape, lumped = (x.shape[1], -1), a.copy()
+    lumped.reshape(shape)[:, :-1] = 0.0  # of which only the sizes are known beforehand
+    prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(x)
     found = Information.of_rows(own.names, lumped, X, left + X @ (a - lumped), prior=prior)
     lumped = found.refined().estimate
-    check_axes(lumped[size[:, :3]], p, x, motion)
+    check_axes(lumped.reshape(shape)[:, :3], x, motion)
     tracker, W = own.tracker(lumped), X.reshape(-1, a.size)
     y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *own.columns.names)
     for _ in range(4):  # in which the noise is found
-        sigma = _noise(seen.rows(own.parameters(tracker))[1], len(names), reach)
+        sigma = seen.noise(seen.rows(own.parameters(tracker))[1], len(names))
         both = W.T @ W / sigma**2, W.T @ y / sigma**2
         tracker, told = own.explaining_tracker(*both, tracker)
     a = own.parameters(tracker)
@@ -135,8 +135,8 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         deviations,
         names,
         sigma,
-        len(p),
-        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > 0.9),
+        len(x),
+        tuple(compress(names, deviations / known > 0.9)),
     )
 
 
@@ -152,7 +152,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             pixels, of another point, or of another clock.
     """
     own: CameraKinematics = instance(kinematics, CameraKinematics, "kinematics", LogError)
-    seen, reach = _Seen.of(own, samples), own.robot.reach
+    seen = _Seen.of(own, samples)
     motion = spread(seen.x)
     size = motion / spread(seen.p)
     if size > 10.0:
@@ -166,13 +166,13 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     def rows() -> tuple[float, list[np.ndarray]]:
         """Return the noise at a, and slopes, residuals and rates in units of it."""
         parts = seen.rows(a)
-        sigma = _noise(parts[1], len(a), reach)
+        sigma = seen.noise(parts[1], len(a))
         return sigma, [part / sigma for part in parts]
 
     gauss_newton(lambda: (*rows()[1][:2], a_0 - a), lambda step: np.add(a, step, out=a), known)
     sigma, (W, left, rate) = rows()
     seen.check(left, sigma, motion)
-    late, deviation = lateness(a, W, left, rate, 1.0, known, a_0 - a)
+    late, deviation = lateness(W, left, rate, 1.0, known, a_0 - a)
     if abs(late) > max(_LATE, CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
@@ -229,6 +229,11 @@ class _Seen(NamedTuple):
         X_k, left, rates = (np.array(column) for column in zip(*kept, strict=True))
         return X_k, left, rates
 
+    def noise(self, residual: np.ndarray, parameters: int) -> float:
+        """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
+        variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
+        return max(math.sqrt(variance), LEAST_NOISE * self.kinematics.robot.reach)
+
     def check(self, left: np.ndarray, sigma: float, motion: float) -> None:
         """Refuse frames of which something else than noise is left (N, m_p), in any unit.
 
@@ -247,8 +252,11 @@ class _Seen(NamedTuple):
         )
 
 
-def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
-    """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
+def check_axes(B: np.ndarray, x: np.ndarray, motion: float) -> None:
+    """Refuse frames x (N, m_p) of a motion of this size that show another unit or handedness.
+
+    B (m_p, 3) is their rotation block.
+    """
     size = spread(x) / motion * math.sqrt(x.shape[1] / 3.0)
     if abs(math.log(max(size, LEAST_NOISE))) > _SCALE:
         raise LogError(
@@ -260,9 +268,3 @@ def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> No
             "the axes of the tracker are left-handed: only a mirror explains the frames.",
             hint="Change the sign of one coordinate of x.",
         )
-
-
-def _noise(residual: np.ndarray, parameters: int, reach: float) -> float:
-    """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
-    variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
-    return max(math.sqrt(variance), LEAST_NOISE * reach)

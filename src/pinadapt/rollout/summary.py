@@ -81,8 +81,7 @@ def summary(run: Recording) -> Numbers:
         "wall_time_s": run.wall_time,
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
-        "torque_prediction": found
-        and {**asdict(found), "share_first": found.share_first, "share_last": found.share_last},
+        "torque_prediction": found and asdict(found),
         "changes": [
             {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients

@@ -79,7 +79,7 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     covariance = errors.T @ errors / max(len(errors), 1)
     variances = np.diag(covariance)
     # a millionth of its own variance for each parameter: no combination is known exactly
-    return np.asarray(covariance + 1e-6 * np.diag(variances)) if (variances > 0.0).all() else None
+    return covariance + 1e-6 * np.diag(variances) if (variances > 0.0).all() else None
 
 
 def prior_variances(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
@@ -97,7 +97,7 @@ def prior_variances(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     a = ten_parameters(S @ S.swapaxes(-1, -2)).ravel()
     cone = BodyInequality([robot.joint_names[body] for body in bodies])
     inverse = cone.metric_inverse_times(a, np.eye(a.size), np.ones(len(bodies)))
-    return np.asarray(_OWN * np.diag(inverse) + _COMMON * a**2)
+    return _OWN * np.diag(inverse) + _COMMON * a**2
 
 
 def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import isinf
@@ -17,9 +17,10 @@ from ..adaptation.least_squares import LeastSquares
 from ..adaptation.modifications import Leak
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
-from ..controller.governor import Governor
+from ..controller.first_samples import make_first_samples
 from ..controller.limits import Limits, limits_for, make_box
-from ..controller.sensing import make_senses
+from ..controller.residuals import make_guards
+from ..controller.sensing import Senses
 from ..controller.slow_start import SlowStart
 from ..exceptions import InputError
 from ..filters import LowPass
@@ -31,7 +32,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
 from ..records import Sensors
-from ..robot.changes import Load, Payload
+from ..robot.changes import Load
 from ..robot.motors import Actuators, Compensation, compensation_of, overloaded
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
@@ -130,7 +131,6 @@ def make_controller(
         word(name, (*NAMES, *RATES), "controller")
     dt, unknown = positive(dt, "dt"), Unknown.of(unknown)
     instance(robot, Robot, "robot")
-    instance(payload, Payload | Mapping | None, "payload")
     sensors = Sensors() if sensors is None else instance(sensors, Sensors, "sensors")
     limits = Limits() if limits is None else instance(limits, Limits, "limits")
     nominal = NominalRobot(robot.undrawn(), payload)
@@ -161,9 +161,9 @@ def make_controller(
         tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
     if applied.governor is not None and getattr(tuned, "speeds", None) is None:
         tuned = tuned.adjusted(speeds=applied.governor.velocity)
-    warn_of_unused_gains(tuned, kind, kind_k, kinematics, dynamics, gains | rates)
-    box = make_box(robot, kinematics, limits.box)
-    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains, unknown.lmi)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings, gains | rates, unknown.lmi)
+    warn_of_unused_gains(tuning, kind, kind_k)
+    box = make_box(kinematics, limits.box)
     adaptation_k = moved_kinematics(kind_k, tuning, box)
     if isinstance(law, str) and gains.get("R_k") is None:
         tuning = tuning._replace(law=with_prediction_weight(tuning, adaptation_k))
@@ -187,27 +187,19 @@ def make_controller(
 
     compensation = compensation_of(robot, compensated)
     compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
-    if limits.governor:  # the arm may wait for frames
-        governor = Governor() if limits.governor is True else limits.governor
-        compensator = replace(compensator, longest_gap=governor.blind)
-    senses = make_senses(
-        robot,
-        kinematics,
-        limits.guards,
-        quality,
-        unloaded=nominal.unloaded,
-        box=make_box(robot, kinematics, None) if box is None else box,
-        sensors=sensors,
-        compensation=compensation,
-        dt=dt,
-        compensator=compensator,
-        low_pass=None
-        if isinf(settings.velocity)
-        else LowPass(settings.velocity, "velocity filter"),
-    )
+    if applied.governor is not None:  # the arm may wait for frames
+        compensator = replace(compensator, longest_gap=applied.governor.settings.blind)
+    low_pass, first, watched = None, None, limits.watched
+    if not isinf(settings.velocity):
+        low_pass = LowPass(settings.velocity, "velocity filter")
+    if watched["gravity"]:
+        first = make_first_samples(robot, nominal.unloaded, sensors, compensation, dt)
+    span = kinematics.bounds if box is None else box
+    guards = make_guards(robot, kinematics, watched, quality, box=span, sensors=sensors, dt=dt)
+    senses = Senses(guards, compensator, low_pass, quality, sensors, watched["time"], first)
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
-        tuning.law if fast is None or K_f is None else replace(fast, law=tuning.law, gain=K_f),
+        tuning.law if fast is None else replace(fast, law=tuning.law, gain=K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,

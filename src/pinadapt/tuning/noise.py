@@ -159,19 +159,19 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
             adaptation = ErrorLeak(adaptation, 0.2 if gain is None else gain, size)  # [1/s]
         elif name == "dead-zone":
             where = "modifications.dead-zone"
-            if gain is None and not tuning.jitter:
-                raise GainError(
-                    "no noise of the joint velocity is known, from which the size follows.",
-                    where=where,
-                    hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
-                )
             if gain is None:  # three standard deviations of the velocity behind its low pass
+                if not tuning.jitter:
+                    raise GainError(
+                        "no noise of the joint velocity is known, from which the size follows.",
+                        where=where,
+                        hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
+                    )
                 gain = _of_velocity(tuning, 3.0 * tuning.jitter, where)
             adaptation = DeadZone(adaptation, gain)
         else:
             share = 1.0 if gain is None else positive(gain, "modifications.normalised")
             typical = typical_torques(adaptation, motion)
-            adaptation = Normalised(adaptation, float(typical.sum()) / share)
+            adaptation = Normalised(adaptation, typical.sum() / share)
     return adaptation
 
 

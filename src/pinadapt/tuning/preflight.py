@@ -93,7 +93,7 @@ def preflight(
     motion, dt, findings = controller.motion, positive(dt, "dt"), list[Finding]()
     if motion is None:
         return findings
-    actuators = controller.limits.actuators if actuators is None else actuators
+    actuators = actuators or controller.limits.actuators
     for part, gains, radius in _parts(controller, motion, actuators):
         if radius(dt, 1.0) > _STABLE:
             helps = radius(dt, _LEAST) <= _STABLE
@@ -115,12 +115,10 @@ def _too_fast(
     part: str, gains: Mapping[str, float], radius: Radius, dt: float, actuators: Actuators
 ) -> Finding:
     """Return a finding on a part that is unstable at dt [s], with the gains that help."""
-    ways, behind = [], "" if actuators.ideal else f" behind {actuators.words}"
+    behind = "" if actuators.ideal else f" behind {actuators.words}"
     longest = _largest(lambda period: radius(period, 1.0), dt)
-    if longest > 1e-3 * dt:
-        ways.append(f"dt <= {rounded_down(longest):.2g} s")
-    else:
-        longest = 0.0
+    longest = longest if longest > 1e-3 * dt else 0.0
+    ways = [f"dt <= {rounded_down(longest):.2g} s"] if longest else []
     factor = _largest(partial(radius, dt), 1.0) if gains else 1.0
     factors = {gain: factor**power for gain, power in gains.items()}
     if factors:
@@ -218,7 +216,7 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         mode = speed * loop.stiffness**0.5
         if law.uses_position_error:
             speed = frequency(motion.position_regressors, Gamma_k)
-        decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
+        decay = speed**2 * np.linalg.eigvalsh(loop.weight)[-1]
         radius = partial(_kinematic_radius, mode, loop.damping, decay)
         yield "adaptation of the kinematics", {"gamma_k": 1.0}, radius
 
@@ -269,25 +267,22 @@ class LinearisedJoints:
             InputError: actuators of another number of joints.
         """
         M, rotors = motion.mass_matrices, motion.robot.model.armature
-        self._left, self._right = motion.right_inverses, motion.jacobians
-        self._posture, self._bandwidth = np.zeros(M.shape), motion.bandwidth
+        self._bandwidth = motion.bandwidth
         if of_task:  # the posture holds the rest
-            self._posture = M @ (np.eye(M.shape[-1]) - self._left @ self._right)
-            self._left = M @ self._left
+            self._left, self._right = M @ motion.right_inverses, motion.jacobians
+            self._posture = M - self._left @ self._right
         else:
             self._left = M @ motion.unit_masses.swapaxes(1, 2)  # W^-1
-            self._right = self._left.swapaxes(1, 2)
+            self._right, self._posture = self._left.swapaxes(1, 2), np.zeros(M.shape)
         own, moved = actuators.of(motion.robot), np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
         at_states = [_actuated(each, each - np.diag(rotors), motor, own) for each in M]
         self._A, self._B, motors = map(np.array, zip(*at_states, strict=True))
-        self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
         self._moved, self._period = self._A, math.nan  # transitions over the last period asked for
-        if actuators.elastic and actuators.encoders == "link":
-            self._C = np.zeros(motors.shape)
-            self._C[:, :, -2 * n : -n] = np.eye(n)
-            if K_f is not None:  # fast feedback takes off the torque
-                self._fast = _MARGIN * K_f[:, None] * (motors - self._C)
+        at_links = actuators.elastic and actuators.encoders == "link"
+        self._C = np.roll(motors, -len(rotors), axis=2) if at_links else motors
+        fast = np.zeros(len(rotors)) if K_f is None else _MARGIN * K_f
+        self._fast = fast[:, None] * (motors - self._C)  # fast feedback takes off the torque
 
     def feedback_radius(self, feedback: Sequence[Feedback], dt: float, factor: float) -> float:
         """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt [s], doubled.

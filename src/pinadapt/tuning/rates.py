@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import positive
 from ..adaptation.adaptation import Adaptation, Estimate, Frozen, Stacked
 from ..adaptation.composite import Composite, CompositeMemory
 from ..adaptation.gradient import Gradient
@@ -133,7 +132,7 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
 
 def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Adaptation, int]]:
     """Return the adaptations of coefficients (p), the last ``signed`` of which may be negative."""
-    count, gamma = typical.size - signed, positive(gamma, "gamma_joint")
+    count = typical.size - signed
     parts = [
         (ExponentiatedGradient(gamma, typical[:count]), count),
         (Gradient(gamma * typical[count:] ** 2, signed, "gamma_joint"), signed),
@@ -153,7 +152,7 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
         shares = _shares(robot, dynamics, unit, LOAD if kind in MEMORIES else 0.0)
-        return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
+        return Natural(gamma_d, cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
         start = Estimate(dynamics.initial)
@@ -241,18 +240,18 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
     """
     w, motion, mode = tuning.bandwidth, tuning.motion, tuning.law.prediction_mode
     low_pass, torques = tuning.rate("prediction_filter", w), typical_torques(moved, motion)
+    Gamma = moved.gain(typical_start(moved, motion))
     if kind in MEMORIES:
         rate, dynamics = tuning.rate("prediction_rate", mode * w), motion.dynamics
         friction = set(JointEffects(motion.robot, ("viscous", "coulomb")).names)
         whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
         explains_all = whole and friction.issubset(dynamics.names)
-        unit = _WIDTH**2 * _unit(moved, motion)  # P = unit Gamma
+        unit = _WIDTH**2 * _unit(Gamma, motion)  # P = unit Gamma
         variance, prior = _NOISE**2 * unit * torques, None
         if tuning.jitter:
             shaken = unit * _shaken_torques(moved, motion, low_pass * tuning.jitter)
             variance += _HORIZON * shaken
             # the metric at typical parameters, with the trace of what the noise adds per second
-            Gamma = moved.gain(typical_start(moved, motion))
             added = np.sum(low_pass * shaken / variance) / len(Gamma)
             prior = added * np.linalg.inv(Gamma) / unit
         return CompositeMemory(
@@ -272,18 +271,18 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
         return Composite(moved, low_pass, rate=rate, floor=0.01 * torques)
     rate = tuning.rate("prediction_rate", _LEAST_SQUARES * w * share)
     return LeastSquares(
-        moved.gain(typical_start(moved, motion)),
+        Gamma,
         motion.dynamics.size,
         low_pass,
         weight=rate / torques,
         forgetting=tuning.rate("forgetting", _SLOW * w * share),
         directional=True,
-        unit=_unit(moved, motion),
+        unit=_unit(Gamma, motion),
     )
 
 
-def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
-    """Return the size of the prior covariance relative to Gamma, the median over the bodies.
+def _unit(Gamma: np.ndarray, motion: TypicalMotion) -> float:
+    """Return the size of the prior covariance relative to Gamma (p, p), the median over the bodies.
 
     Where no body is unknown, the joints' coefficients are off by typical ones. One where there is
     no prior.
@@ -293,7 +292,6 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
         prior = prior_variances(motion.robot, motion.dynamics)
     if prior is None:
         return 1.0
-    Gamma = adaptation.gain(typical_start(adaptation, motion))
     return float(np.median(prior / np.diag(Gamma)[: len(prior)]))
 
 
@@ -306,7 +304,7 @@ def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> 
     for q, free in zip(motion.states.q, motion.free, strict=True):
         still = np.array(regressor(q, rest, rest))
         changes += [free @ (regressor(q, rest, e) - still) for e in np.eye(rest.size)]
-    return np.asarray(a**2 * rest.size * mean_diagonal(adaptation, motion, changes))
+    return a**2 * rest.size * mean_diagonal(adaptation, motion, changes)
 
 
 def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> Adaptation:
@@ -350,7 +348,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
         spread *= float(getattr(law, "lambda_", w))
-    typical = np.mean([np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen])
+    typical = np.mean(np.einsum("nij,jk,nik->ni", seen, P_0, seen))
     # variance of the measured signal over that of the prior, white over a second
     noise = w * spread**2 / (unit * quality.rate) if spread else 0.0
     return LeastSquares(
@@ -358,7 +356,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
         kinematics.size,
         weight=None,
         rate=w if tuning.rates.get("R_k") is None else None,
-        floor=max(noise, 1e-6 * float(typical)) or 1.0,
+        floor=max(noise, 1e-6 * typical) or 1.0,
         forgetting=_SLOW * min(w, tuning.settings.smoothing),
         directional=True,
         unit=unit,

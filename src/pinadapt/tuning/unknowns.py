@@ -33,6 +33,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import ComTask, ImageTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
+from .noise import Tuning
 from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
@@ -118,12 +119,11 @@ class Unknown:
             word(self.friction, _FRICTION, "unknown.friction")
         chosen_kinds(self.effects)
         name_list(self.bodies, "unknown.bodies")
-        if isinstance(self.basis, str | Path):
-            with located("unknown.basis"):
-                object.__setattr__(self, "basis", read_matrix(Path(self.basis)))
-        if isinstance(self.lmi, str | Path):
-            with located("unknown.lmi"):
-                object.__setattr__(self, "lmi", MatrixInequality.from_file(Path(self.lmi)))
+        for name, read in (("basis", read_matrix), ("lmi", MatrixInequality.from_file)):
+            value = getattr(self, name)
+            if isinstance(value, str | Path):
+                with located(f"unknown.{name}"):
+                    object.__setattr__(self, name, read(Path(value)))
         word(self.regressor, REGRESSORS, "unknown.regressor")
         if self.lmi is not None and self.basis is None:
             raise ParameterError(
@@ -314,32 +314,24 @@ def lumped_lengths(
     return lengths
 
 
-def warn_of_unused_gains(
-    law: Law,
-    kind: str,
-    kind_k: str,
-    kinematics: TaskKinematics,
-    dynamics: Dynamics,
-    given: Mapping[str, Any],
-) -> None:
+def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str) -> None:
     """Name the given gains that neither the law nor the adaptation uses, and those that they do.
 
     Args:
-        law: of the controller.
+        tuning: of the loop, with all gains as users write them; None is not given.
         kind: of adaptation of the dynamic estimate; "custom" for an object.
         kind_k: of that of the kinematic estimate.
-        kinematics: with the unknown translations.
-        dynamics: with the unknown inertias and coefficients of the joints.
-        given: gains as users write them; None is not given.
     """
+    law, motion = tuning.law, tuning.motion
+    dynamics = motion.dynamics
     inertial, used = dynamics.inertial.size, [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
     if kind not in ("none", "custom"):
         used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)
     if kind in PREDICTING and dynamics.size:
         used += ["prediction_rate", "prediction_filter", *["forgetting"] * (kind in FORGETTING)]
-    if kinematics.size and kind_k not in ("none", "custom") and law.learns_kinematics:
+    if motion.kinematics.size and kind_k not in ("none", "custom") and law.learns_kinematics:
         used.append("gamma_k")
-    idle = [name for name, gain in given.items() if gain is not None and name not in used]
+    idle = [name for name, gain in tuning.rates.items() if gain is not None and name not in used]
     if idle:
         warnings.warn(
             f"nothing uses {', '.join(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
