@@ -45,7 +45,7 @@ _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an ar
 # a Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
 # cameras with 4 mm of noise that is not declared are.
 _FRAME, _OFFSET = 0.02, 0.1
-_MOVING = 1.0 / 3.0  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
+_MOVING = 0.33  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther

@@ -18,7 +18,6 @@ from .governor import PathTime
 from .residuals import LASTS
 
 _NOTHING = SensedState(np.array([]), np.array([]))
-_NO_FOOTING = np.zeros((0, 3))
 
 
 class Bridged(NamedTuple):
@@ -73,7 +72,7 @@ class ControllerState(NamedTuple):
     path: PathTime | None = None
     start: Any = None
     missed: Missed = FEASIBLE
-    footing: np.ndarray = _NO_FOOTING
+    footing: np.ndarray = np.zeros((0, 3))
 
     @property
     def a_d(self) -> np.ndarray:

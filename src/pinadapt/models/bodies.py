@@ -116,7 +116,7 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
-COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # the same with P row by row (16)
+COLUMNS = COEFFICIENTS.reshape(PER_BODY, -1)  # the same with P row by row (16)
 _FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 

@@ -15,7 +15,7 @@ from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .linear_kinematics import BOUND, EITHER
+from .linear_kinematics import BOUND
 from .projected_kinematics import ProjectedKinematics
 from .translations import Words
 
@@ -50,7 +50,7 @@ class CameraKinematics(ProjectedKinematics):
         self.sizes = np.concatenate([self.sizes, np.tile(deep, self._below[0])])
         wide = BOUND * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
-        self.bounds = self.initial + wide * EITHER
+        self.bounds = np.array([self.initial - wide, self.initial + wide])
 
     def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""

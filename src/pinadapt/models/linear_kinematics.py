@@ -51,8 +51,6 @@ OFF = 0.1  # of the reach: how far off what has the size of one may be
 BOUND = 10.0  # bounds: of the sizes of displacements and of cameras, of the reach for the base, and
 # of a nominal length, whose shortest is the inverse
 _WIDE = 0.5  # of the reach: bounds of a translation, but of the base
-_WORLD = np.eye(3)
-EITHER = np.array([[-1.0], [1.0]])  # way: bounds (2, p) of sizes (p)
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
@@ -111,7 +109,9 @@ def translated(robot: Robot, translations: Sequence[Translation]) -> Iterator[Co
     for part, value in zip(translations, values, strict=True):
         motions = np.concatenate([part.directions, np.zeros((3, part.size))])
         wide = robot.reach * (BOUND if part.joint == FIRST else _WIDE)
-        bounds = np.outer([1.0 / BOUND, BOUND], value) if part.size == 1 else value + EITHER * wide
+        bounds = np.array([value - wide, value + wide])
+        if part.size == 1:
+            bounds = np.array([value / BOUND, value * BOUND])
         joints = np.full(part.size, part.joint or robot.model.njoints)
         yield Columns(part.labels, joints, motions, value, np.ones(part.size), bounds)
 
@@ -142,7 +142,7 @@ def columns_of_geometry(robot: Robot) -> Columns:
             np.kron(np.eye(2), place.rotation) @ axes,
             np.zeros(size.size),
             size / (OFF * robot.reach),
-            BOUND * size * EITHER,
+            np.array([-BOUND * size, BOUND * size]),
         )
         for names, joint, place, axes, size in parts
     )
@@ -278,7 +278,7 @@ class LinearKinematics(TaskKinematics):
 
     def _axes(self) -> np.ndarray:
         """Return R_c (3, 3), a rotation."""
-        return _WORLD
+        return np.eye(3)
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
-from .linear_kinematics import BOUND, EITHER, OFF
+from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Words
 
@@ -59,7 +59,7 @@ class TrackerKinematics(ProjectedKinematics):
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
         wide = np.repeat([BOUND, BOUND * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
-        self.bounds = np.tile(wide, self.positions) * EITHER
+        self.bounds = np.tile([-wide, wide], self.positions)
 
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""

@@ -22,6 +22,7 @@ from ..controller.governor import explained_age
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError
 from ..records import Measurement
+from ..simulation.loop import STILL
 from .arm import ArmFacts
 from .recorder import Phase
 
@@ -29,7 +30,6 @@ _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
 _LOST = 0.1  # of the last torques; libfranka's communication_test calls more insufficient
-STILL = 0.02  # [rad/s or m/s] up to which a joint rests, also at its stop; half: as well there
 
 # Words of the checks
 _STALE = "the last {value} measurements are of the same instant"

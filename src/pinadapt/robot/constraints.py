@@ -9,14 +9,13 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import flag, instance, numbers, positive, vector
+from .._checks import ROUNDING, flag, instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
 from ..records import Feet
 from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
-_CLOSED = 1e-12  # [m, rad], rounding: half or twice change nothing
 # of the largest row, and [m, rad] by which loops may miss; half or twice: the same rows, as axes
 # and anchors written with five digits are off by 1e-5
 DEPENDENT = 1e-4
@@ -235,7 +234,7 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
         A, off = A[np.isfinite(off)], off[np.isfinite(off)]
         step = -np.linalg.pinv(A, rcond=DEPENDENT) @ off
         left = np.abs(A @ step).max(initial=0.0)  # of what the joints can change
-        if left < _CLOSED and np.abs(off).max(initial=0.0) < DEPENDENT:
+        if left < ROUNDING * DEPENDENT and np.abs(off).max(initial=0.0) < DEPENDENT:
             return q
         q = pin.integrate(model, q, step)
     raise RobotError(

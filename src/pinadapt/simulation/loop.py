@@ -98,7 +98,7 @@ class Events:
 # Longest time [s] to bring an arm to rest, and speed [rad/s or m/s] below which it rests. Half or
 # twice: arms 20 % heavier than described rest in half a second whatever the time; by the speed they
 # rest up to 0.06 s later or sooner, planar_2r up to 0.3 s.
-_DAMP, _STILL = 1.5, 0.01
+_DAMP, STILL = 1.5, 0.01
 
 
 def run(
@@ -206,7 +206,7 @@ def _bring_to_rest(
     for _ in range(round(_DAMP / dt)):
         torque, state = controller.safe(state, measurement)
         plant.step(torque, dt)
-        if np.abs(state.sensed.v).max() < _STILL or state.unseen.any():
+        if np.abs(state.sensed.v).max() < STILL or state.unseen.any():
             break
         measurement = plant.measure()
 

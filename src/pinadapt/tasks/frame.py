@@ -372,10 +372,15 @@ def pinhole_camera(
     return K @ np.column_stack([R, -R @ eye])
 
 
-_ROWS = {"xy": slice(0, 2), "xz": slice(0, 3, 2), "yz": slice(1, 3), "xyz": slice(0, 3)}
+def _position_task(name: str) -> FrameTask:
+    """Return the task of the coordinates of the position that are the letters of a name."""
+    rows = ["xyz".index(letter) for letter in name]
+    return PositionTask(name, tuple(name), slice(rows[0], rows[-1] + 1, rows[1] - rows[0]))
+
+
 _POSE = "x", "y", "z", "phi_x", "phi_y", "phi_z"
 TASKS: dict[str, FrameTask] = {
-    **{name: PositionTask(name, tuple(name), rows) for name, rows in _ROWS.items()},
+    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
     "pose": PoseTask("pose", _POSE, slice(6)),
     COM: ComTask(COM, _POSE, slice(6)),
 }

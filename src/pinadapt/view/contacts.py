@@ -9,6 +9,7 @@ import numpy as np
 from meshcat.geometry import Box, Cylinder
 from scipy.spatial.transform import Rotation
 
+from .._checks import ROUNDING
 from ..controller.controller import Controller
 from ..controller.state import Sample
 from ..description.chain import frame_id
@@ -16,7 +17,7 @@ from ..exceptions import ImplausibleError
 from ..robot.robot import Robot
 from .drawing import Colour, Keyframes, Node, overlay, rod
 
-HIDDEN = 1e-4  # scale of what is too small to be seen; half or twice: neither is
+HIDDEN = ROUNDING  # scale of what is not seen
 
 
 def chosen_forces(controller: Controller, samples: Sequence[Sample]) -> np.ndarray:
