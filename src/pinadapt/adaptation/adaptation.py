@@ -411,9 +411,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        split = self._split(estimate)
-        moved = [part.step(own, drive.columns(block), dt) for part, block, own in split]
-        return self._joined(moved)
+        before, value, after = estimate.value, np.empty(estimate.value.size), []
+        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
+            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
+            value[block] = moved.value
+            after.append(moved.memory)
+        return Estimate(value, tuple(after))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

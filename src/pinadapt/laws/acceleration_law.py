@@ -15,7 +15,7 @@ from numpy import empty
 
 from .._checks import positive
 from .._kernels import laws as kernels
-from ..adaptation.adaptation import Drive, Drives
+from ..adaptation.adaptation import Drives
 from ..filters import MotionFilters
 from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
@@ -105,12 +105,6 @@ class EstimatedVelocityLaw(AccelerationLaw):
     alpha (xd - xd_d + delta) is then as (17) has it, and dx^T (K_P + alpha K_v - alpha^2 I) delta =
     0 leaves dV/dt; see ``PoseTask``.
     """
-
-    def _feedback(self, s: Signals, model: EstimatedModel) -> tuple[np.ndarray, Drive, np.ndarray]:
-        """Return e (m), the drive of the kinematic estimate, and the acceleration v (n)."""
-        e, kinematic = self._errors(s, self.alpha)
-        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        return e, kinematic, self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""

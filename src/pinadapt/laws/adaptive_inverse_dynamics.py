@@ -42,7 +42,9 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
-        e, kinematic, v = self._feedback(s, model)
+        e, kinematic = self._errors(s, self.alpha)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
+        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
@@ -187,7 +189,9 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
-        e, kinematic, v = self._feedback(s, model)
+        e, kinematic = self._errors(s, self.alpha)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
+        v = self._commanded_acceleration(s, s.xd_hat, self.alpha, a_k_rate)
         dynamics = model.dynamics
         dynamics.load(s.a_0)
         M_0 = dynamics.mass_matrix(s.q)
