@@ -8,9 +8,8 @@ propagates. A kernel is compiled when it is first called, and its machine code i
 source, or in the user's cache where that cannot be written, or not at all; a damaged cache file is
 replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger.
 
-Kernels fill arrays that their caller has made, because numba is slow at returning arrays. They do
-not call each other, because the cache on disk would not notice a change in another file; what they
-share is inlined: the sums and multiples here, and helpers of their own file. An index
+Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
+not call each other, because the cache on disk would not notice a change of the other. An index
 outside of an array is an ``IndexError``, which takes a nanosecond to check. What a kernel is given
 has to be arrays of floats with the axes that it was compiled for: what users give becomes such
 arrays where it enters.
@@ -24,16 +23,10 @@ from contextlib import suppress
 from functools import cache, wraps
 from typing import Any, TypeVar, cast
 
-import numpy as np
-
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
 _entry_points: list[Callable[[], Callable[..., Any]]] = []  # of all kernels that are defined
-_helpers: list[Callable[..., Any]] = []  # that numba has not been told of yet
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "boundscheck": True}
-# no counting of references: an option of numba's that its documentation does not have
-_UNCOUNTED: dict[str, Any] = {"_nrt": False}
 _NOTE = "pinadapt: compiling its kernels, once on this machine ..."
 
 
@@ -70,37 +63,6 @@ def compiled(
     return register
 
 
-def inlined(function: Function) -> Function:
-    """Make a function part of each kernel that calls it; it stays a Python function as well."""
-    _helpers.append(function)
-    return function
-
-
-@inlined
-def add_dot(start: float, x: np.ndarray, y: np.ndarray) -> float:
-    """Return start + x . y."""
-    total = start
-    for k in range(len(x)):
-        total += x[k] * y[k]
-    return total
-
-
-@inlined
-def subtract_dot(start: float, x: np.ndarray, y: np.ndarray) -> float:
-    """Return start - x . y."""
-    total = start
-    for k in range(len(x)):
-        total -= x[k] * y[k]
-    return total
-
-
-@inlined
-def add_multiple(y: np.ndarray, factor: float, x: np.ndarray) -> None:
-    """Add factor x to y."""
-    for k in range(len(y)):
-        y[k] += factor * x[k]
-
-
 def compile_all() -> None:
     """Compile all kernels of the modules that are imported, or load them from disk."""
     for entry_point in _entry_points:
@@ -113,12 +75,9 @@ def _entry_point(
     """Return the machine code of a kernel, compiled for its one signature."""
     from numba import config, njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
-    from numba.extending import register_jitable
 
     if vars(config)["DISABLE_JIT"]:
         return function
-    while _helpers:
-        register_jitable(forceinline=True, **_OPTIONS, **_UNCOUNTED)(_helpers.pop())
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
     typed = result(
@@ -127,7 +86,9 @@ def _entry_point(
             for i, kind in enumerate(arguments)
         )
     )
-    options = _OPTIONS if allocates else _OPTIONS | _UNCOUNTED
+    # no counting of references: an option of numba's that its documentation does not have
+    counting: dict[str, Any] = {} if allocates else {"_nrt": False}
+    options = {"error_model": "numpy", "boundscheck": True, **counting}
     try:
         dispatcher = njit(typed, cache=True, **options)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling

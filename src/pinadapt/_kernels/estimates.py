@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, add_multiple, compiled
+from .._compiled import compiled
 
 
 @compiled(
@@ -61,27 +61,30 @@ def fit(
         g.copy(),
     )
     if rate > 0.0:
-        for i in range(p):
-            for k in range(p):
-                after[i, k] = information[i, k]
-        solve(after, P_W)
+        solve(total, P_W)
         for i in range(m):
             S[i, i] = floor[i % len(floor)]
             for j in range(m):
                 R[i, j] = rate if i == j else 0.0
-                S[i, j] = add_dot(S[i, j], W[i], P_W[j])
+                for k in range(p):
+                    S[i, j] += W[i, k] * P_W[j, k]
         solve(S, R)
         for i in range(m):
             x = 0.0
             for j in range(m):
                 x += (R[i, j] - R_0[i, j]) * r[j]
-            add_multiple(gradient, x, W[i])
+            for k in range(p):
+                gradient[k] += W[i, k] * x
+    for k in range(p):
+        for t in range(p):
+            total[k, t] = information[k, t]
     for i in range(m):
         for k in range(p):
             x = 0.0
             for j in range(m):
                 x += dt * R[i, j] * W[j, k]
-            add_multiple(total[k], x, W[i])
+            for t in range(p):
+                total[k, t] += x * W[i, t]
     for k in range(p):
         for t in range(p):
             after[k, t] = kept * total[k, t] + restored * prior[k, t]
@@ -114,7 +117,7 @@ def follow_geodesic(
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
     k, square = len(a) // p, 0.0
-    P, A, both = np.zeros((k, n, n)), np.empty((k, n, n)), np.empty((2, n, n))
+    P, A, both = np.zeros((k, n, n)), np.zeros((k, n, n)), np.empty((2, n, n))
     for b in range(k):
         L = np.zeros((n, n))
         for e in range(len(F)):
@@ -123,9 +126,11 @@ def follow_geodesic(
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
-                A[b, r, s] = add_dot(0.0, P[b, r], L[:, s])
+                for t in range(n):
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
-            square = add_dot(square, A[b, r], A[b, :, r])
+            for s in range(n):
+                square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
     for i in range(len(a)):
@@ -136,7 +141,10 @@ def follow_geodesic(
             Y, share = both[order % 2], h / order
             for r in range(n):
                 for s in range(n):
-                    Y[r, s] = P[b, r, s] - share * add_dot(0.0, A[b, r], X[:, s])
+                    x = 0.0
+                    for t in range(n):
+                        x += A[b, r, t] * X[t, s]
+                    Y[r, s] = P[b, r, s] - share * x
             X = Y
         for e in range(len(dual)):
             r, s = dual_places[e, 1], dual_places[e, 2]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, add_multiple, compiled, inlined, subtract_dot
+from .._compiled import compiled
 
 
 @compiled(
@@ -38,9 +38,11 @@ def filtered_rates(
     if len(low) != z + len(a):
         return False
     for i in range(m):
+        d = x[i] - x_hat[i]
         for j in range(p):
+            d += X_k[i, j] * a_k[j]
             W_k[i, j] = bandwidth * (X_k[i, j] - low[i * p + j])
-        y[i] = bandwidth * (add_dot(x[i] - x_hat[i], X_k[i], a_k) - low[xi + i])
+        y[i] = bandwidth * (d - low[xi + i])
     for i in range(len(a)):
         a[i] = bandwidth_a * (v[i] - low[z + i])
     return True
@@ -55,7 +57,7 @@ def observed(
     The memory is (x_o, half), half of the last step [s].
     """
     m = len(dx_o)
-    for i in range(m):
+    for i in range(len(dx_o)):
         dx_o[i] = memory[i] + (memory[m] + lead) * xd_hat[i] - x[i]
 
 
@@ -106,27 +108,16 @@ def advance(
         after[m * p + m + i] = low[m * p + m + i] + way_a * a[i]
 
 
-@inlined
-def posture_offset(q: float, posture: np.ndarray) -> tuple[float, float]:
-    """Return d + 2 e |e| / margin and its slope 1 + 4 |e| / margin of one joint.
-
-    d is how far it is from rest, e how far beyond the edges inside its limits; posture is (rest,
-    lower edge, upper edge, margin).
-    """
-    d = q - posture[0]
-    e = max(d - posture[2], 0.0) + min(d - posture[1], 0.0)
-    return d + 2.0 * e * abs(e) / posture[3], 1.0 + 4.0 * abs(e) / posture[3]
-
-
 @compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", fills=2)
 def posture_velocity(
     q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray, rate: np.ndarray
 ) -> None:
-    """Write psi = -w ``posture_offset`` and its rate, both (n)."""
+    """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
     for i in range(len(v)):
-        offset, slope = posture_offset(q[i], posture[:, i])
-        psi[i] = -w * offset
-        rate[i] = -w * slope * v[i]
+        d = q[i] - posture[0, i]
+        e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
+        psi[i] = -w * (d + 2.0 * e * abs(e) / posture[3, i])
+        rate[i] = -w * (1.0 + 4.0 * abs(e) / posture[3, i]) * v[i]
 
 
 @compiled(
@@ -155,17 +146,28 @@ def kinematic_drive(
     e = dxd_hat + alpha dx with dxd_hat = xd_hat - xd_d, error = -(K_P + alpha K_v) dx - alpha
     dxd_hat (m), residual = W_k a_k - y (m_p).
     """
+    for j in range(len(a_k)):
+        gradient[j] = 0.0
     for i in range(len(y)):
-        residual[i] = add_dot(-y[i], W_k[i], a_k)
+        x = -y[i]
+        for j in range(len(a_k)):
+            x += W_k[i, j] * a_k[j]
+        residual[i] = x
+    for i in range(len(y)):
+        x = 0.0
+        for t in range(len(y)):
+            x += R_k[i, t] * residual[t]
+        for j in range(len(a_k)):
+            gradient[j] += W_k[i, j] * x
     for i in range(len(dx)):
         dxd = xd_hat[i] - xd_d[i]
         e[i] = dxd + alpha * dx[i]
-        error[i] = subtract_dot(-alpha * dxd, K_PV[i], dx)
-    gradient[:] = 0.0
-    for i in range(len(y)):
-        add_multiple(gradient, add_dot(0.0, R_k[i], residual), W_k[i])
-    for j in range(len(a_k)):
-        gradient[j] = add_dot(gradient[j], Y_k[:, j], error)
+        x = -alpha * dxd
+        for t in range(len(dx)):
+            x -= K_PV[i, t] * dx[t]
+        error[i] = x
+        for j in range(len(a_k)):
+            gradient[j] += Y_k[i, j] * x
 
 
 @compiled(
@@ -198,16 +200,28 @@ def commanded_acceleration(
     Y_k da_k/dt) (m); offset is the ``posture_offset`` of q, not read for w = 0.
     """
     m, n = J.shape
-    v[:] = 0.0
-    for t in range(n if w > 0.0 else 0):
-        v[t] = -2.0 * w * qd[t] - w * w * posture_offset(q[t], posture[:, t])[0]
+    for t in range(n):
+        v[t] = 0.0
+        if w == 0.0:
+            continue
+        d = q[t] - posture[0, t]
+        e = max(d - posture[2, t], 0.0) + min(d - posture[1, t], 0.0)
+        v[t] = -2.0 * w * qd[t] - w * w * (d + 2.0 * e * abs(e) / posture[3, t])
     for i in range(m):
         x = xdd_d[i] - Jdot_v[i]
         for j in range(m):
             x -= K_v[i, j] * (xd[j] - xd_d[j]) + K_P[i, j] * dx[j]
-        missed[i] = subtract_dot(subtract_dot(x, Y_k[i], a_k_rate), J[i], v)
+        for j in range(len(a_k_rate)):
+            x -= Y_k[i, j] * a_k_rate[j]
+        for t in range(n):
+            x -= J[i, t] * v[t]
+        missed[i] = x
     for i in range(m):
-        add_multiple(v, add_dot(0.0, gram_inverse[i], missed), J[i])
+        x = 0.0
+        for j in range(m):
+            x += gram_inverse[i, j] * missed[j]
+        for t in range(n):
+            v[t] += J[i, t] * x
 
 
 @compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
@@ -225,12 +239,16 @@ def observation_drive(
 
     Y_p are the first m_p rows of Y_k.
     """
-    gradient[:] = 0.0
-    for i in range(len(dx_o)):
+    m = len(dx_o)
+    for j in range(len(gradient)):
+        gradient[j] = 0.0
+    for i in range(m):
         error[i] = c * dx_o[i]
-        weighted = add_dot(0.0, R[i], epsilon)
+        x = 0.0
+        for t in range(m):
+            x += R[i, t] * epsilon[t]
         for j in range(len(gradient)):
-            gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * weighted
+            gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * x
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
@@ -275,14 +293,26 @@ def subtract_limited_damping(
     work = np.empty((n + 1, n))
     L, z = work[:n], work[n]  # 1 / L_ii on the diagonal of L
     for i in range(n):
-        z[i] = add_dot(0.0, D[i], error)
-        torque[i] = feedforward[i] - z[i]
+        x = 0.0
+        for t in range(n):
+            x += D[i, t] * error[t]
+        z[i] = x
+        torque[i] = feedforward[i] - x
         for j in range(i + 1):
-            x = subtract_dot(D[i, j] + rate * M[i, j], L[i, :j], L[j, :j])
+            x = D[i, j] + rate * M[i, j]
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
             L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):
-        z[i] = subtract_dot(z[i], L[i, :i], z[:i]) * L[i, i]
+        for t in range(i):
+            z[i] -= L[i, t] * z[t]
+        z[i] *= L[i, i]
     for i in range(n - 1, -1, -1):
-        z[i] = subtract_dot(z[i], L[i + 1 :, i], z[i + 1 :]) * L[i, i]
+        for t in range(i + 1, n):
+            z[i] -= L[t, i] * z[t]
+        z[i] *= L[i, i]
     for i in range(n):
-        torque[i] += add_dot(0.0, D[i], z)
+        x = 0.0
+        for t in range(n):
+            x += D[i, t] * z[t]
+        torque[i] += x

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, add_multiple, compiled, subtract_dot
+from .._compiled import compiled
 
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
@@ -25,7 +25,7 @@ def invert_gram(
     s^-2 is the trace of the inverse. Where s is too small, that of each level (m, from 0) follows
     in turn from the inverse of its own rows and those of the levels before, and its mu^2 from s.
     """
-    m = len(J)
+    m, n = J.shape
     A, s, mu_2, lost, last = inverse, 0.0, 0.0, False, 0.0
     for i in range(m):
         damping[i], last = 0.0, max(last, levels[i])
@@ -36,7 +36,8 @@ def invert_gram(
             for j in range(m):
                 A[i, j] = damping[i] if i == j else 0.0
                 if whole or max(levels[i], levels[j]) <= level:
-                    A[i, j] = add_dot(A[i, j], J[i], J[j])
+                    for t in range(n):
+                        A[i, j] += J[i, t] * J[j, t]
                 elif i == j:
                     A[i, i] = 1.0
             squares += A[i, i]
@@ -48,7 +49,8 @@ def invert_gram(
             for i in range(m):
                 if i != k:
                     factor, A[i, k] = A[i, k], 0.0
-                    add_multiple(A[i], -factor, A[k])
+                    for j in range(m):
+                        A[i, j] -= factor * A[k, j]
         for i in range(m):
             if whole or levels[i] == level:
                 size += A[i, i]
@@ -80,9 +82,12 @@ def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
         for i in range(k + 1, n):
             factor = A[k, i] / A[k, k]
             x[i] -= factor * x[k]
-            add_multiple(A[i, i:], -factor, A[k, i:])
+            for j in range(i, n):
+                A[i, j] -= factor * A[k, j]
     for k in range(n - 1, -1, -1):
-        x[k] = subtract_dot(x[k], A[k, k + 1 :], x[k + 1 :]) / A[k, k]
+        for j in range(k + 1, n):
+            x[k] -= A[k, j] * x[j]
+        x[k] /= A[k, k]
     return True
 
 
@@ -115,19 +120,25 @@ def right_inverse_and_rate(
     def add_solution(target: np.ndarray, base: np.ndarray) -> None:
         """Add J^T y, y = G (target - J base), to the base (n)."""
         for i in range(m):
-            missed[i] = subtract_dot(target[i], J[i], base)
+            missed[i] = target[i]
+            for t in range(n):
+                missed[i] -= J[i, t] * base[t]
         for i in range(m):
-            y[i] = add_dot(0.0, gram_inverse[i], missed)
-        for t in range(n):
-            base[t] = add_dot(base[t], J[:, t], y)
+            y[i] = 0.0
+            for j in range(m):
+                y[i] += gram_inverse[i, j] * missed[j]
+        for i in range(m):
+            for t in range(n):
+                base[t] += J[i, t] * y[i]
 
     for t in range(n):
-        x[t] = psi[t]
+        x[t], rate[t] = psi[t], psid[t]
     add_solution(u, x)
     for i in range(m):
-        missed[i] = subtract_dot(ud[i] - damping_rate[i] * y[i], Jdot[i], x)
-    for t in range(n):
-        rate[t] = add_dot(psid[t], Jdot[:, t], y)
+        missed[i] = ud[i] - damping_rate[i] * y[i]
+        for t in range(n):
+            missed[i] -= Jdot[i, t] * x[t]
+            rate[t] += Jdot[i, t] * y[i]
     add_solution(missed, rate)
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, add_multiple, compiled
+from .._compiled import compiled
 
 PER_BODY = 10
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
@@ -93,10 +93,12 @@ def observed_motion(
         D, Dd = Phi[at], Phid[at]
         d, dd = D[:, n], Dd[:, n]
         for i in range(3):
-            d[i] = add_dot(o[b, i] if placed else 0.0, R[b, i], columns[:3, j])
-            w[i] = add_dot(0.0, R[b, i], columns[3:6, j])
+            d[i] = o[b, i] if placed else 0.0
+            w[i] = turning[i] = dd[i] = 0.0
             lever[i] = 0.0 if placed else p[i, n] - o[b, i]
-            turning[i] = 0.0
+            for k in range(3):
+                d[i] += R[b, i, k] * columns[k, j]
+                w[i] += R[b, i, k] * columns[k + 3, j]
             for t in range(b):
                 turning[i] += turns[i, t] * v[t] if before[t] else 0.0
         for i in range(3):
@@ -106,8 +108,7 @@ def observed_motion(
             e, f = (turns[:, t], d) if before[t] else (w, p[:, t])
             for i in range(3):
                 D[i, t] = cross(e, f, i) + (S[i, t] if placed and before[t] else 0.0)
-        for i in range(3):
-            dd[i] = add_dot(0.0, v, D[i])
+                dd[i] += D[i, t] * v[t]
         for t in range(n):
             e, f = (turns[:, t], d) if before[t] else (w, p[:, t])
             ed, fd = (turn_rates[:, t], dd) if before[t] else (wd, pd[:, t])
@@ -118,30 +119,36 @@ def observed_motion(
         for i in range(3):
             Phi[3 * j + i, n] -= columns[i + 6, j]
     for c in range(one + 1, width):
-        j, i = (c - one - 1) // 3, (c - one - 1) % 3
+        j, i, Phid[c, n] = (c - one - 1) // 3, (c - one - 1) % 3, 0.0
         for t in range(n):
             Phi[c, t] = turns[i, t] if links[j, 2 + t] else 0.0
             Phid[c, t] = turn_rates[i, t] if links[j, 2 + t] else 0.0
-        Phid[c, n] = add_dot(0.0, v, Phi[c])
+            Phid[c, n] += Phi[c, t] * v[t]
 
     for k in range(len(entries)):
         j, of, i, c = entries[k, 0], entries[k, 1], entries[k, 2], entries[k, 3]
         maps[of, i, c] = constants[of, i, c] + a[j]
     for i in range(len(y)):
         N, D = maps[0, i], maps[1, i]
-        zd = add_dot(0.0, D, Phid[:, n])
-        z = max(add_dot(0.0, D, Phi[:, n]), LEAST_DEPTH)
-        y[i] = add_dot(0.0, N, Phi[:, n]) / z
+        top = depth = zd = yd[i] = Jdot_v[i] = 0.0
+        for c in range(width):
+            top += N[c] * Phi[c, n]
+            depth += D[c] * Phi[c, n]
+            zd += D[c] * Phid[c, n]
+        z = max(depth, LEAST_DEPTH)
+        y[i] = top / z
         for t in range(n):
             J[i, t] = Jdot[i, t] = 0.0
         for c in range(width):
             g = (N[c] - y[i] * D[c]) / z
             G[i, c] = g if c != one else z
-            if g != 0.0:
-                add_multiple(J[i], g, Phi[c])
-                add_multiple(Jdot[i], g, Phid[c])
-        yd[i] = add_dot(0.0, J[i], v)
-        Jdot_v[i] = add_dot(0.0, Jdot[i], v) - 2.0 * yd[i] * zd / z
+            for t in range(n if g != 0.0 else 0):
+                J[i, t] += g * Phi[c, t]
+                Jdot[i, t] += g * Phid[c, t]
+        for t in range(n):
+            yd[i] += J[i, t] * v[t]
+            Jdot_v[i] += Jdot[i, t] * v[t]
+        Jdot_v[i] -= 2.0 * yd[i] * zd / z
         for j in range(len(a)):
             X[i, j] = Y[i, j] = 0.0
     for k in range(len(entries)):
@@ -169,8 +176,9 @@ def add_map_rates(
     """
     Phi, Phid, n = motion[0], motion[1], Jdot.shape[1]
     for i in range(len(z)):
-        D, total = maps[1, i], yd[i]
-        zd = add_dot(0.0, D, Phid[:, n])
+        D, total, zd = maps[1, i], yd[i], 0.0
+        for c in range(len(D)):
+            zd += D[c] * Phid[c, n]
         for k in range(len(entries)):
             if entries[k, 2] != i:
                 continue
@@ -180,12 +188,13 @@ def add_map_rates(
                 change *= -y[i]
             change /= z[i]
             total += change * Phi[c, n]
-            add_multiple(Jdot[i], change, Phi[c])
+            for t in range(n):
+                Jdot[i, t] += change * Phi[c, t]
         total, zd = total / z[i], zd / z[i]
         for c in range(len(D)):
             less = total * D[c] + zd * G[i, c]
-            if less != 0.0:
-                add_multiple(Jdot[i], -less, Phi[c])
+            for t in range(n if less != 0.0 else 0):
+                Jdot[i, t] -= less * Phi[c, t]
 
 
 @compiled(
@@ -220,8 +229,10 @@ def add_joint_effects(
         for j in range(Y.shape[1]):
             Y[i, j] = Y_b[i, j] if j < p else 0.0
     for k in range(values.shape[1]):
-        u, w = add_dot(0.0, directions[k], v), add_dot(0.0, directions[k], a)
-        load = g[k] if k < n else 0.0
+        u, w, load = 0.0, 0.0, g[k] if k < n else 0.0
+        for i in range(n):
+            u += directions[k, i] * v[i]
+            w += directions[k, i] * a[i]
         s = math.tanh(u * shape[0, k])
         if shape[1, k] != 0.0:
             s *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
@@ -272,7 +283,7 @@ def momentum_columns(
 
     def add(Y: np.ndarray, s: np.ndarray, v: np.ndarray, sign: float) -> None:
         """Add sign s^T h of a body with velocity v (6) to the columns Y (10) of its parameters."""
-        Y[0] += sign * add_dot(0.0, s[:3], v)
+        Y[0] += sign * (s[0] * v[0] + s[1] * v[1] + s[2] * v[2])
         j = 4
         for t in range(3):
             f, h = (t + 1) % 3, (t + 2) % 3
@@ -291,7 +302,7 @@ def momentum_columns(
         turn_into(b, J, c, s)
         turn_into(b, Jdot, c, d)
         for t in range(3):
-            g[t] = -add_dot(0.0, R[b, :, t], gravity)
+            g[t] = -(R[b, 0, t] * gravity[0] + R[b, 1, t] * gravity[1] + R[b, 2, t] * gravity[2])
         own = slice(PER_BODY * b, PER_BODY * (b + 1))
         add(Y_M[c, own], s, V[b], 1.0)
         add(Y_0[c, own], s, g, 1.0)

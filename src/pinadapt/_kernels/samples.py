@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._compiled import add_dot, compiled
+from .._compiled import compiled
 
 # What is wrong with a joint.
 FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)
@@ -186,17 +186,24 @@ def check_joints(
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)
 def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> float:
     """Return |a_d|^2 + |a_k|^2, or NaN where |torque|^2 is not finite."""
-    size = add_dot(add_dot(0.0, a_d, a_d), a_k, a_k)
-    return size + 0.0 * add_dot(0.0, torque, torque)
+    size, effort = 0.0, 0.0
+    for entry in a_d:
+        size += entry * entry
+    for entry in a_k:
+        size += entry * entry
+    for entry in torque:
+        effort += entry * entry
+    return size + 0.0 * effort
 
 
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
-    beyond = False
+    beyond, effort = False, 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
-    return beyond and math.isfinite(add_dot(0.0, torque, torque))
+        effort += torque[i] * torque[i]
+    return beyond and np.isfinite(effort)
 
 
 @compiled(
@@ -262,7 +269,9 @@ def path_rate(
             continue
         speed, now = 0.0, 0.0
         for j in range(m):
-            transposed = add_dot(0.0, J[:, i], gram_inverse[j])  # with those of constraints
+            transposed = 0.0
+            for k in range(len(J)):  # those of constraints too
+                transposed += J[k, i] * gram_inverse[k, j]
             velocity = xd_d[j] / rate
             now += transposed * velocity
             speed += transposed * (velocity + lead_s * (xdd_d[j] - velocity * acceleration) / rate)
