@@ -43,11 +43,11 @@ def read_toml(path: Path) -> dict[str, Any]:
         ScenarioError: there is no such file, or it is not TOML; the message has line and column.
     """
     if not path.is_file():
-        raise ScenarioError("no such file.", where=str(path))
+        raise ScenarioError("no such file.", where=path)
     try:  # some editors write a byte order mark
         return toml.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also no UTF-8, or a number that is too long
-        raise ScenarioError(f"not valid TOML: {error}.", where=str(path)) from error
+        raise ScenarioError(f"not valid TOML: {error}.", where=path) from error
 
 
 @contextmanager
@@ -65,12 +65,12 @@ def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
     except (PinadaptError, Warning):
         raise
     except FileNotFoundError as reason:
-        raise error("no such file.", where=str(reason.filename or path)) from reason
+        raise error("no such file.", where=reason.filename or path) from reason
     except Exception as reason:
         words = " ".join(f"{type(reason).__name__}: {reason}".split())
         raise error(
             f"cannot be read: {words[:200]}.",
-            where=str(path),
+            where=path,
             hint="It is damaged, too large, or of another kind than its name says.",
         ) from reason
 
@@ -149,14 +149,14 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
     except OSError as error:
         raise InputError(
             f"cannot be written: {error.strerror or error}.",
-            where=str(folder),
+            where=folder,
             hint="Choose another folder by --out.",
         ) from error
     for name in names:
         if (folder / name).is_dir():
             raise InputError(
                 "is a folder, but a file of this name has to be written.",
-                where=str(folder / name),
+                where=folder / name,
             )
 
 
@@ -268,12 +268,12 @@ class Report(NamedTuple):
     note: str = ""
 
     def __str__(self) -> str:
-        """Return the sheet as text."""
+        """Return the report as text."""
         parts = [*map(str, self.tables), *filter(None, [self.note])]
         return f"{self.title}\n{'-' * len(self.title)}\n" + "\n\n".join(parts)
 
     def html(self) -> str:
-        """Return the sheet as HTML, without scripts, style sheets or external resources."""
+        """Return the report as HTML, without scripts, style sheets or external resources."""
         tables = "".join(table.html() for table in self.tables)
         note = f"<div>{escape(self.note)}</div>" if self.note else ""
         return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
@@ -282,16 +282,16 @@ class Report(NamedTuple):
 class Printed:
     """A result that ``print`` and Jupyter show as its tables."""
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return the tables."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
         """Return the tables as text."""
-        return str(self.sheet())
+        return str(self.report())
 
     def _repr_html_(self) -> str:
-        return self.sheet().html()
+        return self.report().html()
 
 
 _STYLE = """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copyreg
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 
@@ -25,9 +26,11 @@ class PinadaptError(Exception):
         hint: what to try, or None.
     """
 
-    def __init__(self, what: str, *, where: str | None = None, hint: str | None = None) -> None:
+    def __init__(
+        self, what: str, *, where: str | Path | None = None, hint: str | None = None
+    ) -> None:
         """Put what, where and hint into one message."""
-        self.what, self.where, self.hint = what, where, hint
+        self.what, self.where, self.hint = what, where and str(where), hint
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} {hint}" if hint else message)
 
@@ -65,7 +68,12 @@ class TorqueMismatchError(LogError):
     """
 
     def __init__(
-        self, what: str, *, where: str | None = None, hint: str | None = None, check: Any = None
+        self,
+        what: str,
+        *,
+        where: str | Path | None = None,
+        hint: str | None = None,
+        check: Any = None,
     ) -> None:
         """Say what the check found and keep it."""
         self.check = check

@@ -13,7 +13,7 @@ _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits bel
 
 
 @compiled("f8(f8[:], f8[:])")
-def take(pi: np.ndarray, tens: np.ndarray) -> float:
+def take(pi: np.ndarray, inertial: np.ndarray) -> float:
     """Write pi (10 n) with c added to all masses; return c, which is zero where none needs it.
 
     Else no body is much lighter than its ballast c, as centres of mass far outside of the robot
@@ -24,7 +24,7 @@ def take(pi: np.ndarray, tens: np.ndarray) -> float:
         lightest = min(lightest, pi[k])
     c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
     for k in range(len(pi)):
-        tens[k] = pi[k] + (c if k % PER_BODY == 0 else 0.0)
+        inertial[k] = pi[k] + (c if k % PER_BODY == 0 else 0.0)
     return c
 
 

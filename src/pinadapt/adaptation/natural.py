@@ -86,7 +86,7 @@ class MatrixInequality:
         n = round(rows.shape[1] ** 0.5)
         if n * n != rows.shape[1]:
             raise ParameterError(
-                f"each row must hold n x n numbers, got {rows.shape[1]}.", where=str(path)
+                f"each row must hold n x n numbers, got {rows.shape[1]}.", where=path
             )
         return cls(rows.reshape(-1, n, n))
 

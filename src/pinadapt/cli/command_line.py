@@ -251,7 +251,7 @@ def new_file(options: Namespace, name: str) -> Path:
     if file.exists() and not options.force:
         raise InputError(
             "exists already.",
-            where=str(file),
+            where=file,
             hint="Overwrite it by --force, or choose another file by --out.",
         )
     check_writable(file.parent, [file.name])

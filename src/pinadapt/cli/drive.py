@@ -288,13 +288,13 @@ def replay(options: Namespace) -> int:
     if "scenario" not in log.about:
         raise InputError(
             "contains no scenario; replay it in Python: CycleLog.read(path).replay(controller).",
-            where=str(options.log),
+            where=options.log,
         )
     tables = with_values(json.loads(log.about["scenario"]), dict(map(setting, options.set)))
     scenario = Scenario.build(tables, Path(log.about["folder"]))
     found = log.replay(scenario.controller)
     if not found.torque.size:
-        raise InputError("this log contains no torque of a controller.", where=str(options.log))
+        raise InputError("this log contains no torque of a controller.", where=options.log)
     names = scenario.controller.kinematics.joint_names
     largest = np.abs(found.torque - found.logged).max(axis=0)
     rows = list(zip(names, found.difference, largest, strict=True))

@@ -316,7 +316,7 @@ def _place(options: Namespace, done: str, files: Sequence[str]) -> Path:
     if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",
-            where=str(folder),
+            where=folder,
             hint="--out takes another place.",
         )
     return folder

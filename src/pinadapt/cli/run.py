@@ -11,7 +11,7 @@ from ..citation import citation
 from ..exceptions import InputError
 from ..information.payload import PayloadEstimate
 from ..rollout.rollout import Rollout
-from ..rollout.summary import sheet
+from ..rollout.summary import report_of
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
 from .command_line import Exit, add_out, add_scenario, add_settings
@@ -70,7 +70,7 @@ def run_into(
     try:
         write_run(rollout, folder, html=html)
     finally:
-        print(sheet(rollout, rollout.numbers))  # even if it could not be written
+        print(report_of(rollout, rollout.numbers))  # even if it could not be written
     if (load := _load(rollout)) is not None:
         print(f"\n{load}")
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
@@ -132,7 +132,7 @@ def view(options: Namespace) -> int:
         if not page.is_file():
             raise InputError(
                 "holds no animation.html.",
-                where=str(place),
+                where=place,
                 hint="`pinadapt run` writes one unless --no-html is given.",
             )
         address = page.resolve().as_uri()

@@ -88,7 +88,7 @@ def sweep(options: Namespace) -> int:
         return Exit.DONE
     report = SweepReport(table, plan, options.column, folder)
     report.save(folder)
-    print(f"{report.sheet()}\n\nwritten to {folder}, see {folder / PAGE}")
+    print(f"{report}\n\nwritten to {folder}, see {folder / PAGE}")
     return Exit.DONE
 
 
@@ -106,7 +106,7 @@ def _plan(options: Namespace) -> tuple[Plan, Path]:
     if fixed:
         raise InputError(
             f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
-            where=str(path),
+            where=path,
             hint=f"Change a copy of {path / COPY} and run that in another folder.",
         )
     return Plan.load(path), path

@@ -71,7 +71,7 @@ class Mjcf:
         for element in root.iter():
             check_numbers(element, _NUMBERS, None, path)
         for flaw in _flaws(root):
-            raise RobotError(f"{flaw}.", where=str(path), hint=_COMPILED)
+            raise RobotError(f"{flaw}.", where=path, hint=_COMPILED)
         bodies = root.findall("worldbody/body")
         unread = [body for body in bodies[1:] if body.get("mocap") != "true"]
         if names := ", ".join(f"'{body.get('name')}'" for body in unread):
@@ -124,7 +124,7 @@ class Mjcf:
         except Exception as error:
             raise RobotError(
                 f"Pinocchio cannot read this MJCF file: {' '.join(str(error).split())}",
-                where=str(self.path),
+                where=self.path,
                 hint=_COMPILED,
             ) from error
         model.gravity.linear = self.gravity

@@ -72,16 +72,16 @@ class Urdf:
         if path.suffix == ".xacro":
             root = parse_xml(expand(path, xacro or {}, packages), str(path))
         elif xacro:
-            raise RobotError("a URDF takes no xacro arguments.", where=str(path))
+            raise RobotError("a URDF takes no xacro arguments.", where=path)
         elif any(element.tag.startswith("xacro:") for element in root.iter()):
             raise RobotError(
                 "it has xacro elements, which are expanded only in a file whose name ends in "
                 ".xacro, as such a file is a program.",
-                where=str(path),
+                where=path,
             )
         if root.tag != "robot":
             raise RobotError(
-                f"the root element is <{root.tag}>; that of a URDF is <robot>.", where=str(path)
+                f"the root element is <{root.tag}>; that of a URDF is <robot>.", where=path
             )
         for part in [*root.findall("link"), *root.findall("joint")]:
             for element in part.iter():
@@ -106,7 +106,7 @@ class Urdf:
         except Exception as error:
             raise RobotError(
                 "not a valid URDF; the parser of Pinocchio has printed the reason above.",
-                where=str(self.path),
+                where=self.path,
                 hint="Check that every joint has a parent and a child link that exist, and that "
                 "revolute and prismatic joints have a <limit>.",
             ) from error
@@ -211,7 +211,7 @@ def check_numbers(
             raise RobotError(
                 f'{owner}<{element.tag}>: {name}="{text}" is not {count or "some"} finite '
                 f"number{'' if count == 1 else 's'}.",
-                where=str(path),
+                where=path,
                 hint="Write finite numbers with a decimal point, and separate several by spaces.",
             )
 
@@ -255,7 +255,7 @@ def read_xml(path: Path) -> ElementTree.Element:
     try:
         return parse_xml(path.read_bytes(), str(path))
     except OSError as error:
-        raise RobotError(f"cannot be read: {error.strerror}.", where=str(path)) from error
+        raise RobotError(f"cannot be read: {error.strerror}.", where=path) from error
 
 
 def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:

@@ -56,7 +56,7 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         file = [str(path), *(xacro.filestack or [])][-1]
         reason = str(error).strip() or type(error).__name__
         raise RobotError(
-            f"xacro cannot expand {file}: {reason.rstrip('.')}.", where=str(path), hint=_HINT
+            f"xacro cannot expand {file}: {reason.rstrip('.')}.", where=path, hint=_HINT
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
@@ -66,7 +66,7 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
     for name in words.keys() - known:
         raise RobotError(
             f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
-            where=str(path),
+            where=path,
             hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
         )
     return text

@@ -280,7 +280,7 @@ class ExcitingMotion(Printed):
         }
         return {"kind": "fourier", **parts, "period": series.period}
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return tables of limits and of parameters."""
         limits, found = self.limits, self.information
         rows = [

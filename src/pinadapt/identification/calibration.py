@@ -159,7 +159,7 @@ class Calibration(Printed):
             "frame, of this robot, and timed on the clock of q? Are these enough frames?"
         )
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
         summary = [

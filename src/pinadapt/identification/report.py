@@ -384,7 +384,7 @@ class Identification(Printed):
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
         return dict(plain(self._record))
 
-    def sheet(self, compared: Mapping[str, Robot] | None = None) -> Report:
+    def report(self, compared: Mapping[str, Robot] | None = None) -> Report:
         """Return the whole report, with the held-out errors of other models by name.
 
         Raises:
@@ -484,7 +484,7 @@ class Identification(Printed):
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        whole = self.sheet(compared)
+        whole = self.report(compared)
         data = b64encode(self.plot().torque.png(dpi=100)).decode()
         parts = [
             f"<h1>{escape(whole.title)}</h1>",

@@ -140,7 +140,7 @@ class TorqueCheck(Printed):
         """Return all numbers and words for a file."""
         return {"fits": self.fits, "verdict": self.verdict, **vars(self)}
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return table and verdict."""
         return Report(f"torques of {self.source}", [self.table()], self.verdict)
 

@@ -332,7 +332,7 @@ class Excitation(Printed):
     kinematic: Information
     units: Mapping[str, str]
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         overview, tables = [], []
         for name, part in (("kinematic", self.kinematic), ("dynamic", self.dynamic)):

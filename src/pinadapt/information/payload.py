@@ -91,7 +91,7 @@ class PayloadEstimate(Printed):
         """
         return Payload(self.mass, self.com, self.inertia)
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return the table, and what the load accounts for where other bodies changed too."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
         return Report("Load", [self.table()], note if self.explained < 1.0 else "")
@@ -179,7 +179,7 @@ def _explained(change: Information, part: list[int]) -> tuple[Information, float
     return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
-def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
@@ -187,14 +187,14 @@ def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     frame = robot.model.frames[robot.frame_id].placement
 
-    def load(ten: np.ndarray) -> np.ndarray:
-        body = frame.actInv(pin.Inertia.FromDynamicParameters(ten))
+    def load(pi: np.ndarray) -> np.ndarray:
+        body = frame.actInv(pin.Inertia.FromDynamicParameters(pi))
         return np.array([body.mass, *body.lever, *body.inertia[np.tril_indices(3)]])
 
     # of the largest parameter; a hundredth and a hundred times as much: the same
-    steps = 1e-6 * np.abs(ten).max() * np.eye(PER_BODY)
-    slopes = [(load(ten + h) - load(ten - h)) / (2.0 * h.sum()) for h in steps]
-    return load(ten), np.column_stack(slopes)
+    steps = 1e-6 * np.abs(pi).max() * np.eye(PER_BODY)
+    slopes = [(load(pi + h) - load(pi - h)) / (2.0 * h.sum()) for h in steps]
+    return load(pi), np.column_stack(slopes)
 
 
 def usual_load(robot: Robot) -> np.ndarray:
@@ -258,8 +258,8 @@ class ArmPrior:
         if prior_covariance(robot, dynamics) is None:
             return cls.of(robot, dynamics, 0.0)
         plain = cls.of(robot, dynamics, 1.0)
-        ten, load = usual_load(robot), np.zeros((dynamics.size, PER_BODY))
-        load[plain.size - PER_BODY : plain.size] = PhysicalSet(1, ten).local(ten)[0]
+        pi, load = usual_load(robot), np.zeros((dynamics.size, PER_BODY))
+        load[plain.size - PER_BODY : plain.size] = PhysicalSet(1, pi).local(pi)[0]
         R, c = plain._equations(found)
 
         def surprise(share: float) -> float:

@@ -75,7 +75,7 @@ class FoundTracker(Printed):
         """``a_k`` and ``information_k`` for ``simulate(..., start=...)`` or ``Controller.init``."""
         return {"a_k": self.a_k, "information_k": self.information}
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return the table."""
         placement, a = self.tracker.placement, self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])

@@ -75,7 +75,7 @@ def _topic(bag: Any, stated: str | None, kinds: Collection[str], path: Path) -> 
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items()))
         raise LogError(
             f"{len(suitable)} topics have {' or '.join(kinds)}; its topics: {listed}.",
-            where=str(path),
+            where=path,
             hint="--topic NAME says which has the joints, --pose-topic NAME which has x.",
         )
     return chosen[0]
@@ -123,7 +123,7 @@ def _series(bag: Any, topic: str, wanted: list[str], path: Path) -> tuple[np.nda
     if not rows:
         raise LogError(
             f"no message of '{topic}' has all of the joints {wanted}; there are {sorted(others)}.",
-            where=str(path),
+            where=path,
             hint="Record a topic with all joints in one message, such as that of "
             "joint_state_broadcaster, or name the log's: --joints A,B,....",
         )

@@ -82,11 +82,11 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     else:
         del rows[0]
     if not any(rows):
-        raise LogError("is empty.", where=str(path))
+        raise LogError("is empty.", where=path)
     columns = np.genfromtxt(rows, delimiter=mark).reshape(len(rows), -1).T
     if len(columns) != len(header):
         raise LogError(
-            f"{len(columns)} cells in a row, and the header has {len(header)}.", where=str(path)
+            f"{len(columns)} cells in a row, and the header has {len(header)}.", where=path
         )
     return log_of_columns(dict(zip(header, columns, strict=True)), joints, options, str(path))
 
@@ -178,7 +178,7 @@ def _read(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     if not file.is_file() or ending not in FORMATS:
         raise LogError(
             "is not a log of a known format." if path.exists() else "no such file or folder.",
-            where=str(path),
+            where=path,
             hint=f"Known are {', '.join(FORMATS)}, folders of `pinadapt run`, which have a "
             "rollout.npz, and those of bags, which have a metadata.yaml.",
         )

@@ -99,7 +99,7 @@ def read_matrix(path: Path) -> np.ndarray:
         matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise ParameterError(
-            f"expected a file of numbers separated by commas: {error}", where=str(path)
+            f"expected a file of numbers separated by commas: {error}", where=path
         ) from error
     return numbers(matrix, str(path), error=ParameterError)
 

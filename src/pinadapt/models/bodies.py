@@ -72,9 +72,9 @@ class BodyDynamics(Dynamics):
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
         self.units = UNITS * len(self.bodies)
 
-    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+    def values(self, robot: Robot, inertial: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the ten parameters of each adapted body (N, p): those given."""
-        return tens.reshape(-1, self.size)
+        return inertial.reshape(-1, self.size)
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the bodies of the parameters a_d (p).
@@ -147,5 +147,5 @@ def nearest_physical(
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
-    tens = a_d.reshape(-1, PER_BODY)
-    return [name for name, pi in zip(names, tens, strict=True) if not is_physical(pi)]
+    inertial = a_d.reshape(-1, PER_BODY)
+    return [name for name, pi in zip(names, inertial, strict=True) if not is_physical(pi)]

@@ -156,17 +156,17 @@ class Dynamics:
             [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in states]
         )
 
-    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
+    def values(self, robot: Robot, inertial: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the parameters (N, p) of N robots like a given one; None if one of them has none.
 
         Args:
             robot: of which bodies and translations are replaced.
-            tens: (N, b, 10) parameters of ``bodies``.
+            inertial: (N, b, 10) parameters of ``bodies``.
             lengths: (N, k) parameters of ``translations`` [m].
         """
         found = []
-        for ten, theta in zip(tens, lengths, strict=True):
-            other = self._moving(robot, ten)
+        for pi, theta in zip(inertial, lengths, strict=True):
+            other = self._moving(robot, pi)
             place(other.model, robot.frame_id, self.translations, theta)
             value = self.value(other)
             if value is None:
@@ -174,11 +174,11 @@ class Dynamics:
             found.append(value)
         return np.array(found).reshape(-1, self.size)
 
-    def _moving(self, robot: Robot, tens: np.ndarray) -> Robot:
+    def _moving(self, robot: Robot, inertial: np.ndarray) -> Robot:
         """Return a robot whose ``bodies`` have other parameters (b, 10)."""
         model = robot.model.copy()
-        for body, ten in zip(self.bodies, tens, strict=True):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+        for body, pi in zip(self.bodies, inertial, strict=True):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(pi)
         return replace(robot, model=model)
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:

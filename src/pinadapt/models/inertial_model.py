@@ -46,9 +46,9 @@ class InertialModel(Regressor):
         """Return c, with the parameters in the model: for a torque or a mass matrix."""
         if self._c is None:
             self._c = kernels.take(self._pi, self._tens)
-            inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
-            for joint, ten in self._bodies:
-                inertias[joint] = from_ten(ten)
+            inertias, from_pi = self._inertias, pin.Inertia.FromDynamicParameters
+            for joint, pi in self._bodies:
+                inertias[joint] = from_pi(pi)
         return self._c
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -58,8 +58,8 @@ class PhysicalSet:
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
-        tens = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
-        return (tens @ COLUMNS).reshape(-1, 4, 4)
+        inertial = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
+        return (inertial @ COLUMNS).reshape(-1, 4, 4)
 
     @cached_property
     def _centers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -141,13 +141,13 @@ def around(
     """
     size, typical = dynamics.inertial.size, dynamics.typical
     first = a.size - (0 if dynamics.joints is None else dynamics.joints.signed)
-    tens = [
+    inertial = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
         for pi in a[:size].reshape(-1, PER_BODY)
     ]
     positive = np.where(a > 0.0, a, LEAST * typical)[size:first]
-    center = np.concatenate([*tens, positive, a[first:]])
-    return PhysicalSet(len(tens), center, scales=typical[first:])
+    center = np.concatenate([*inertial, positive, a[first:]])
+    return PhysicalSet(len(inertial), center, scales=typical[first:])
 
 
 def physical_fit(

@@ -156,7 +156,7 @@ class Recorder:
         shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
         self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
         self._count = 0
-        failure = InputError("the process of the log has not started.", where=str(path), hint=MAIN)
+        failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
         arguments = failure, shared, about, self.path, port, dict(translate or {})
         self._process, self._link, self.port = start_process(_serve, *arguments)
         self.pid = self._process.pid
@@ -235,7 +235,7 @@ class _LogProcess:
         except OSError as error:
             raise InputError(
                 f"log or port {port} cannot be used: {error.strerror or error}.",
-                where=str(path),
+                where=path,
                 hint="Choose another file by --log, and another port, or 0 for any.",
             ) from error
         self.port = None if port is None else self._server.getsockname()[1]

@@ -442,7 +442,7 @@ class Robot(Printed):
         """Return this robot without its visual geometry, which controllers do not need."""
         return replace(self, drawn=None)
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return tables of the frame, task, mass and reach, and of the joints with their limits."""
         words = [
             ("frame", ", ".join(self.frames) + (", floating base fixed" if self.welded else "")),

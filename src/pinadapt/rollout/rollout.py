@@ -65,15 +65,15 @@ class Rollout(Recording, Printed):
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
-        return str(self.sheet())
+        return str(self.report())
 
     def __repr__(self) -> str:
         """Return title and verdict."""
         return f"{self.title}: {self.verdict}"
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return a table of the most important numbers, and the verdict."""
-        return summary.sheet(self, self.numbers)._replace(note=self.verdict)
+        return summary.report_of(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing.

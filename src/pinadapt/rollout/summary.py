@@ -116,7 +116,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     }
 
 
-def sheet(run: Recording, numbers: Numbers) -> Report:
+def report_of(run: Recording, numbers: Numbers) -> Report:
     """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
     shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
     cells = [

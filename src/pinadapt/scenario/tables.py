@@ -249,7 +249,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     if named or path.suffix.lower() in _DESCRIPTIONS:
         raise ScenarioError(
             "this is a robot, not a scenario.",
-            where=str(path),
+            where=path,
             hint=f"Write a scenario for it first: `pinadapt init {path}`.",
         )
     return with_values(read_toml(path), dict(map(setting, settings)))

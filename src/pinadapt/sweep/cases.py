@@ -402,7 +402,7 @@ class Plan:
         if version != __version__:
             raise InputError(
                 f"was run by pinadapt {version}; this is {__version__}.",
-                where=str(folder),
+                where=folder,
                 hint="Take that version, or run the sweep again in another folder.",
             )
         return cls.of(tables)

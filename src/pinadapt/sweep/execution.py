@@ -379,13 +379,13 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
     if not plan.is_in(folder):
         raise InputError(
             "holds another sweep, or one of another version.",
-            where=str(folder),
+            where=folder,
             hint="Take another folder by --out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(
             f"holds this sweep already, {len(read(folder))} of {len(plan.cases)} cases.",
-            where=str(folder),
+            where=folder,
             hint="Complete it by --resume, or begin anew by --force.",
         )
     return folder

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import word
-from .._output import Report, Table, html_page, percent, write_json, write_text
+from .._output import Printed, Report, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
@@ -104,7 +104,7 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
 
 
 @dataclass(frozen=True, eq=False)
-class SweepReport:
+class SweepReport(Printed):
     """The report of a table.
 
     Attributes:
@@ -208,7 +208,7 @@ class SweepReport:
         table = self.table.rows()
         return Table([[table[i][name] for name in columns] for i in rows], columns, title)
 
-    def sheet(self) -> Report:
+    def report(self) -> Report:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
         tables = []
         chosen = self.lost
@@ -232,7 +232,7 @@ class SweepReport:
             f'<p><img alt="{name}" src="data:image/png;base64,{b64encode(drawn).decode()}"></p>'
             for name, drawn in self._pictures.items()
         )
-        return html_page(self.title, [self.sheet().html(), *pictures])
+        return html_page(self.title, [self._repr_html_(), *pictures])
 
     def save(self, folder: Path) -> None:
         """Write ``report.html``, ``report.json`` and the figures into a folder."""

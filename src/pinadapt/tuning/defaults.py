@@ -122,10 +122,10 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray,
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
     """Return S (b, 4, 4), P = S S^T the pseudo-inertias of b bodies or physical ones close by."""
     mass = robot.mass / robot.model.nv
-    tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
+    inertial = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [
-        pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=1e-3))
-        for ten in tens
+        pseudo_inertia(nearest_physical(pi, least_mass=1e-3 * mass, least_radius=1e-3))
+        for pi in inertial
     ]
     return np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
 
