@@ -97,8 +97,9 @@ class Events:
 
 # Longest time [s] to bring an arm to rest, and speed [rad/s or m/s] below which it rests. Half or
 # twice: arms 20 % heavier than described rest in half a second whatever the time; by the speed they
-# rest up to 0.06 s later or sooner, planar_2r up to 0.3 s.
-_DAMP, STILL = 1.5, 0.01
+# rest up to 0.06 s later or sooner, planar_2r up to 0.3 s, and with half of it an arm whose driver
+# froze is left before it rests.
+_DAMP, STILL = 1.5, 0.02
 
 
 def run(

@@ -103,7 +103,7 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
     return Percentile(p, value, float(bounds.low), float(bounds.high))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SweepReport(Printed):
     """The report of a table.
 
