@@ -38,10 +38,8 @@ def of_one_joint():
 def radius_of(controller, actuators, K_P, K_D, dt=DT):
     """Return the spectral radius that the check has for a joint's gains, without its margin."""
     motion = controller.motion
-    feedback = [
-        Feedback(W @ K_P @ W.T / 2.0, W @ K_D @ W.T / 2.0, 0.0 * K_D, K_D)
-        for W in motion.unit_masses
-    ]
+    W, W_T = motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
+    feedback = Feedback(W @ K_P @ W_T / 2.0, W @ K_D @ W_T / 2.0, 0.0 * W, W)
     return LinearisedJoints(motion, actuators).feedback_radius(feedback, dt, 1.0)
 
 

@@ -5,7 +5,6 @@ Those for a known robot follow: resolved acceleration, and computed torque in jo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -66,14 +65,14 @@ class AccelerationLaw(TaskFeedback):
         """Return the default gains, as the class states them."""
         return {**super().default_gains(motion, dt, w), "lambda_a": 1.0 / (3.0 * w)}
 
-    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
-        """Return Phi = J M_hat^-1 Y (m, p_d) at each state."""
+    def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
+        """Return Phi = J M_hat^-1 Y (N, m, p_d) at each state."""
         return motion.acceleration_effects
 
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the feedback of the task error, the same at all states."""
+    def feedback(self, motion: TypicalMotion) -> Feedback:
+        """Return the feedback of the task error."""
         one = np.eye(len(self.K_v))
-        return [Feedback(self.K_P, self.K_v, 0.0 * one, self.K_v - self.alpha * one)]
+        return Feedback(self.K_P, self.K_v, 0.0 * one, self.K_v - self.alpha * one)
 
     def _commanded_acceleration(
         self, s: Signals, xd: np.ndarray, turning: Any, a_k_rate: np.ndarray

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -140,16 +139,14 @@ class AdaptiveJacobian(TaskFeedback):
             return float(braking)
         return float(null @ (self.posture.damping * null) + braking)
 
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the feedback at each state, joints in coordinates of unit mass."""
-        n, found = motion.robot.model.nv, []
-        D = np.eye(n) * (self.posture.damping if self.posture else 0.0)
-        for J, M, inverse, W in motion.instants:
-            tracked, J_W = inverse @ J, J @ W.T
-            null = np.eye(n) - tracked
-            N = W @ null @ D @ null @ W.T
-            P = W @ M @ tracked @ W.T  # projects onto what the task feels
-            damping = J_W.T @ self.K_v @ J_W
-            stiffness = J_W.T @ self.K_P @ J_W
-            found.append(Feedback(stiffness, damping + self.alpha * P, N, damping + N))
-        return found
+    def feedback(self, motion: TypicalMotion) -> Feedback:
+        """Return the feedback of the joints."""
+        W, J, W_T = motion.unit_masses, motion.jacobians, motion.unit_masses.swapaxes(1, 2)
+        one = np.eye(motion.robot.model.nv)
+        D = one * (self.posture.damping if self.posture else 0.0)
+        tracked, J_W = motion.right_inverses @ J, J @ W_T
+        null = one - tracked
+        N = W @ null @ D @ null @ W_T
+        P = W @ motion.mass_matrices @ tracked @ W_T  # projects onto what the task feels
+        damping, stiffness = (J_W.swapaxes(1, 2) @ K @ J_W for K in (self.K_v, self.K_P))
+        return Feedback(stiffness, damping + self.alpha * P, N, damping + N)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -257,27 +256,22 @@ class ApproximateJacobian(Law):
         lost = (s.v + z) @ (pull + self.brake(s.v) + truth.friction.torque(s.v))
         return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
 
-    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
-        """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""
-        rest = np.zeros(motion.robot.model.nv)
-        return [
-            W @ motion.dynamics.regressor(q, rest, rest)
-            for q, W in zip(motion.states.q, motion.unit_masses, strict=True)
-        ]
+    def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
+        """Return Phi = M_hat^-1/2 Z (N, n, p_d) at each state."""
+        rest, regressor = np.zeros(motion.robot.model.nv), motion.dynamics.regressor
+        return motion.unit_masses @ np.array([regressor(q, rest, rest) for q in motion.states.q])
 
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the feedback at each state, joints in coordinates of unit mass."""
-        found = []
-        for J, W in zip(motion.jacobians, motion.unit_masses, strict=True):
-            D = W @ self.K_v @ W.T
-            found.append(Feedback(W @ J.T @ self.K_P @ J @ W.T, D, 0.0 * D, D))
-        return found
+    def feedback(self, motion: TypicalMotion) -> Feedback:
+        """Return the feedback of the joints."""
+        W, J, W_T = motion.unit_masses, motion.jacobians, motion.unit_masses.swapaxes(1, 2)
+        D = W @ self.K_v @ W_T
+        return Feedback(W @ J.swapaxes(1, 2) @ self.K_P @ J @ W_T, D, 0.0 * D, D)
 
 
 def _joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
     """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
     K_P = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size))
-    W, J = motion.unit_masses, np.array(motion.jacobians)
+    W, J = motion.unit_masses, motion.jacobians
     J_W = J @ W.swapaxes(1, 2)  # in coordinates of unit mass
     squares, modes = np.linalg.eigh(J_W.swapaxes(1, 2) @ K_P @ J_W)
     root = np.linalg.solve(W, modes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -119,10 +119,11 @@ class Truth(NamedTuple):
 
 
 class Feedback(NamedTuple):
-    """The linearised feedback of a law at one state: d^2 x/dt^2 = -S x - (D + N) dx/dt.
+    """The linearised feedback of a law: d^2 x/dt^2 = -S x - (D + N) dx/dt.
 
-    x is the task error, or the error of the joints in coordinates of unit mass, M^1/2 v; each law
-    states which. Default rates and the check before a run use it.
+    x is the task error, and the matrices (m, m) hold at all states; or it is the error of the
+    joints in coordinates of unit mass, M^1/2 v, and they are (N, n, n), at N states. Default rates
+    and the check before a run use it.
 
     Attributes:
         S: stiffness [1/s^2].
@@ -305,16 +306,16 @@ class Law(ABC):
         """Return the adaptation of the dynamics, wrapped in what the law's proof needs."""
         return adaptation
 
-    def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
-        """Return Phi (., p_d) at each state, by which parameter errors move the driving error e.
+    def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
+        """Return Phi (N, ., p_d) at each state, by which parameter errors move the driving error e.
 
         de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e.
         """
         return motion.momentum_effects
 
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the linearised feedback at each state, once if constant, [] if unknown."""
-        return []
+    def feedback(self, motion: TypicalMotion) -> Feedback | None:
+        """Return the linearised feedback, or None if unknown."""
+        return None
 
     def kinematic_loop(self) -> KinematicLoop | None:
         """Return how kinematic estimate and task error couple, or None if unknown."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -227,7 +226,7 @@ class Separation(Law):
         return self._limited(self.dynamics.mass_matrix(q))
 
     def _limited(self, M: np.ndarray) -> np.ndarray:
-        """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
+        """Return (K_v^-1 + lag M^-1)^-1 (..., n, n)."""
         return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
     def of_joints(self, task: JointTask) -> Separation:
@@ -329,17 +328,16 @@ class Separation(Law):
         task = self.beta * self._observation(s) + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
-    def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
-        """Return the feedback at each state, joints in coordinates of unit mass.
+    def feedback(self, motion: TypicalMotion) -> Feedback:
+        """Return the feedback of the joints.
 
         The null space follows its reference motion, which feels nothing of it.
         """
-        found = []
-        for J, M, inverse, W in motion.instants:
-            D, tracked = W @ self._limited(M) @ W.T, W @ M @ inverse @ J @ W.T
-            null = self.posture.frequency * (np.eye(len(M)) - tracked)
-            found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
-        return found
+        M, W, W_T = motion.mass_matrices, motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
+        D = W @ self._limited(M) @ W_T
+        tracked = W @ M @ motion.right_inverses @ motion.jacobians @ W_T
+        null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
+        return Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D)
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
@@ -116,21 +115,14 @@ class TypicalMotion:
         return scaled.swapaxes(1, 2) @ P
 
     @property
-    def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """J (m, n), M (n, n), J^+ (n, m) and W (n, n), see ``unit_masses``, at each state."""
-        return zip(
-            self.jacobians, self.mass_matrices, self.right_inverses, self.unit_masses, strict=True
-        )
+    def acceleration_effects(self) -> np.ndarray:
+        """J M_hat^-1 Y (N, m, p_d): task acceleration by parameter errors, at each state."""
+        return self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors)
 
     @property
-    def acceleration_effects(self) -> list[np.ndarray]:
-        """J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
-        return list(self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors))
-
-    @property
-    def momentum_effects(self) -> list[np.ndarray]:
-        """M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
-        return list(self.unit_masses @ self.regressors)
+    def momentum_effects(self) -> np.ndarray:
+        """M_hat^-1/2 Y (N, n, p_d): joint acceleration by them, in coordinates of unit mass."""
+        return self.unit_masses @ self.regressors
 
 
 def felt_mass(robot: Robot) -> float:

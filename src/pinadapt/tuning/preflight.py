@@ -13,10 +13,10 @@ sensors worse than those that filters and rates were chosen for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def stable_share_of_adaptation(controller: Controller, motion: TypicalMotion, dt
 
 
 def stable_share_of_feedback(
-    of: Callable[[float], Sequence[Feedback]],
+    of: Callable[[float], Any],
     dt: float,
     motion: TypicalMotion,
     actuators: Actuators,
@@ -166,12 +166,12 @@ def stable_share_of_feedback(
     """Return the share of the feedback's bandwidth that passes the check at dt [s].
 
     One where the whole passes, and also where no share does. ``of`` returns the feedback of a
-    share; K_f (n) is the gain of fast feedback, or None.
+    share, or None if unknown; K_f (n) is the gain of fast feedback, or None.
     """
     whole = of(1.0)
-    if not whole:
+    if whole is None:
         return 1.0
-    joints = LinearisedJoints(motion, actuators, K_f, of_task=len(whole) == 1)
+    joints = LinearisedJoints(motion, actuators, K_f, of_task=whole.S.ndim == 2)
     return _stable_share(lambda share: joints.feedback_radius(of(share), dt, 1.0))
 
 
@@ -197,17 +197,16 @@ def _largest(radius: Callable[[float], float], start: float) -> float:
 def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) -> Iterator[Part]:
     """Yield of each part of the loop name, gains with the powers of the factor, and radius."""
     law, feedback = controller.law, controller.law.feedback(motion)
-    if feedback:
+    if feedback is not None:
         K_f = law.gain if isinstance(law, FastFeedback) else None
-        joints = LinearisedJoints(motion, actuators, K_f, of_task=len(feedback) == 1)
+        joints = LinearisedJoints(motion, actuators, K_f, of_task=feedback.S.ndim == 2)
         yield _FEEDBACK, law.bandwidth_powers, partial(joints.feedback_radius, feedback)
         start = quiet_start(controller.adaptation_d, motion.dynamics.initial)
         Gamma_d = controller.adaptation_d.gain(start)
         if Gamma_d.any():
-            effects = np.array(law.parameter_effects(motion))
-            E = np.array([at.E for at in feedback])
+            effects = law.parameter_effects(motion)
             S = effects @ Gamma_d @ effects.swapaxes(1, 2)
-            radius = partial(joints.adaptation_radius, S, E)
+            radius = partial(joints.adaptation_radius, S, feedback.E)
             yield _DYNAMICS, {"gamma_d": 1.0, "gamma_joint": 1.0}, radius
     Gamma_k = controller.adaptation_k.gain(Estimate(motion.kinematics.initial))
     loop = law.kinematic_loop()
@@ -284,12 +283,12 @@ class LinearisedJoints:
         fast = np.zeros(len(rotors)) if K_f is None else _MARGIN * K_f
         self._fast = fast[:, None] * (motors - self._C)  # fast feedback takes off the torque
 
-    def feedback_radius(self, feedback: Sequence[Feedback], dt: float, factor: float) -> float:
+    def feedback_radius(self, feedback: Feedback, dt: float, factor: float) -> float:
         """Return the median spectral radius of -(S x + (D + N) dx/dt) held over dt [s], doubled.
 
         ``factor`` multiplies the bandwidth of S and D.
         """
-        S, D, N, _ = map(np.array, zip(*feedback, strict=True))
+        S, D, N, _ = feedback
         w = self._bandwidth
         K_P = _MARGIN * factor**2 * self._torque(S) + 0.25 * w**2 * self._posture
         K_D = _MARGIN * self._torque(factor * D + N) + w * self._posture

@@ -117,7 +117,7 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
         mode = min(mode, 1.0 / law.adaptation_mode)
     share *= mode**2
     w, size = tuning.bandwidth * share**0.5, dynamics.inertial.size
-    effects = np.array(law.parameter_effects(motion))
+    effects = law.parameter_effects(motion)
     moved = _inertial_adaptation(kind, tuning, effects[..., :size], law.adaptation_mode * w)
     if joints is not None and joints.size:
         typical, gamma = joints.typical, tuning.rates.get("gamma_joint")
