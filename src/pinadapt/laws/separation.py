@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -363,6 +363,7 @@ def assumed_load(robot: Robot) -> Payload:
     return Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
 
 
+@lru_cache(maxsize=1)  # asked for by each share of a bandwidth that is tried
 def _loaded_inertia(robot: Robot) -> np.ndarray:
     """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg].
 
