@@ -95,8 +95,6 @@ class PhysicalSet:
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
-        from scipy.linalg import block_diag  # here, because scipy is slow to import
-
         L = np.linalg.cholesky(self.matrices(a))
         c = self.coefficients(a)
         inverse = np.linalg.inv(L)[:, None]
@@ -107,8 +105,9 @@ class PhysicalSet:
         roots = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))[:, None, None]
         root = np.sqrt(self.weights)
         share = c / self.coefficients(self.center)
-        others = np.diag(np.concatenate([c / root, self.scales]))
-        T = block_diag(*(np.linalg.inv(R) / roots), others)
+        T = np.diag(np.concatenate([np.zeros(push.size), c / root, self.scales]))
+        for i, block in zip(range(0, push.size, PER_BODY), np.linalg.inv(R) / roots, strict=True):
+            T[i : i + PER_BODY, i : i + PER_BODY] = block
         return T, np.concatenate([(roots * push).ravel(), root * (share - 1.0), self.signed(a)])
 
 
