@@ -18,7 +18,7 @@ from ..tasks.frame import rotation_between, turned
 from ..tasks.task import Task
 
 if TYPE_CHECKING:
-    from scipy.interpolate import BPoly
+    from scipy.interpolate import PPoly
 
 # [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
 LONGEST_RAMP, _LOOKS = 5.0, 250
@@ -152,6 +152,8 @@ class _Shifted(Derived):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         x_d, *rates = self.motion.at(t)
+        if x_d.size == rates[0].size:
+            return Desired(x_d + self._by, *rates)
         n = _vector_rows(x_d, rates[0])
         turns = self._by[n:].reshape(-1, 3)
         x = [x_d[:n] + self._by[:n], *map(turned, x_d[n:].reshape(-1, 4), turns)]
@@ -292,15 +294,16 @@ class Waypoints(Piecewise):
         super().__init__(t, self.points, moves(self.points, t))
 
 
-def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> BPoly:
+def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> PPoly:
     """Return minimum-jerk moves through x (N, m) at times t (N), polynomials of degree six.
 
     ``bumps`` (N - 1, m) are added in the middle of the moves, as 64 (u (1 - u))^3, u from 0 to 1.
     """
-    from scipy.interpolate import BPoly  # not needed to load a robot
+    from scipy.interpolate import BPoly, PPoly  # not needed to load a robot
 
     a, b = x[:-1], x[1:]
-    return BPoly([a, a, a, (a + b) / 2.0 + 3.2 * np.asarray(bumps), b, b, b], t)
+    middle = (a + b) / 2.0 + 3.2 * np.asarray(bumps)
+    return PPoly.from_bernstein_basis(BPoly([a, a, a, middle, b, b, b], t))
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
