@@ -298,12 +298,17 @@ def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> PPoly:
     """Return minimum-jerk moves through x (N, m) at times t (N), polynomials of degree six.
 
     ``bumps`` (N - 1, m) are added in the middle of the moves, as 64 (u (1 - u))^3, u from 0 to 1.
+    What does not move has a velocity of exactly zero.
     """
-    from scipy.interpolate import BPoly, PPoly  # not needed to load a robot
+    from scipy.interpolate import PPoly  # not needed to load a robot
 
-    a, b = x[:-1], x[1:]
-    middle = (a + b) / 2.0 + 3.2 * np.asarray(bumps)
-    return PPoly.from_bernstein_basis(BPoly([a, a, a, middle, b, b, b], t))
+    way = np.diff(x, axis=0)
+    move = np.array([0.0, 6.0, -15.0, 10.0, 0.0, 0.0, 0.0])[:, None, None]
+    bump = np.array([-64.0, 192.0, -192.0, 64.0, 0.0, 0.0, 0.0])[:, None, None]
+    power = move * way + bump * np.broadcast_to(bumps, way.shape)
+    power /= np.diff(t)[:, None] ** np.arange(6, -1, -1)[:, None, None]
+    power[-1] = x[:-1]
+    return PPoly(power, t)
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
