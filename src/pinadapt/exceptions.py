@@ -105,8 +105,8 @@ class MeasurementError(PinadaptError):
         value: object,
         flaw: str = "is not finite",
         guess: str = "",
-        hint: str = "Go on with the next measurement, and send the torque of "
-        "controller.safe(state, measurement) until then: the last one would move the arm.",
+        hint: str = "Go on with the next measurement. A controlled arm needs the torque of "
+        "controller.safe(state, measurement) until then: the last one would move it.",
     ) -> None:
         """Name the signal, its value, what is wrong with it, and the likely fault of a sensor."""
         self.field, self.value, self.flaw, self.guess = field, value, flaw, guess
