@@ -54,11 +54,15 @@ class TaskKinematics(ABC):
     names: tuple[str, ...] = ()
     size: int = 0
     positions: int
+    initial: np.ndarray
+    a_k: np.ndarray
     translations: Sequence[Translation] = ()
     calibrated: bool = True
     affine: bool = True
-    initial = a_k = p_hat = sizes = np.zeros(0)
-    X_k, bounds = np.zeros((0, 0)), np.zeros((2, 0))
+    sizes: np.ndarray
+    bounds: np.ndarray
+    p_hat: np.ndarray
+    X_k: np.ndarray
     xd_hat: np.ndarray
     J: np.ndarray
     Jdot_v: np.ndarray
@@ -172,6 +176,8 @@ class TaskKinematics(ABC):
         self._take(robot, task, unknown)
         self._data = robot.model.createData()
         self._q = robot.q0
+        self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
+        self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
         self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
 
 
