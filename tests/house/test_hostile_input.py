@@ -280,6 +280,17 @@ def test_what_would_be_wrong_in_silence_is_refused(what):
         make()
 
 
+@pytest.mark.parametrize("task", ["xyz", "joint"])
+def test_models_refuse_a_q_of_another_size(task):
+    control, q, v = pa.make_controller(pa.load("ur5", task=task)), np.zeros(5), np.zeros(6)
+    with pytest.raises(pa.InputError, match=r"\(6,\).*\(5,\)"):
+        control.kinematics.update(control.kinematics.initial, q, v)
+    rates = {"mass_matrix": 0, "torque": 2, "regressor": 2, "slotine_li": 3, "momentum": 1}
+    for name, count in rates.items():
+        with pytest.raises(pa.InputError, match=r"\(6,\).*\(5,\)"):
+            getattr(control.dynamics, name)(q, *[v] * count)
+
+
 def test_a_folder_with_the_name_of_an_output_is_told_before_the_run(tmp_path, capsys):
     (tmp_path / "out" / "rollout.npz").mkdir(parents=True)
     assert "rollout.npz: is a folder" in refused(tmp_path, capsys, SCENARIO)

@@ -412,7 +412,7 @@ class Stacked(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         before, value, after = estimate.value, np.empty(estimate.value.size), []
-        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
+        for (part, block), own in zip(self.parts, self._memories(estimate), strict=True):
             moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
             value[block] = moved.value
             after.append(moved.memory)
@@ -434,10 +434,16 @@ class Stacked(Adaptation):
         split = self._split(estimate)
         return np.concatenate([part.gain_times(own, X[block]) for part, block, own in split])
 
+    def _memories(self, estimate: Estimate) -> tuple[Any, ...]:
+        """Return the memory of each block."""
+        memories: tuple[Any, ...] = estimate.memory or self._empty
+        if len(memories) != len(self.parts):
+            raise InputError("the estimate is that of another adaptation.", where="state")
+        return memories
+
     def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        value, memories = estimate.value, estimate.memory or self._empty
-        pairs = zip(self.parts, memories, strict=True)
+        value, pairs = estimate.value, zip(self.parts, self._memories(estimate), strict=True)
         return [(part, block, Estimate(value[block], own)) for (part, block), own in pairs]
 
     def _joined(self, blocks: Sequence[Estimate]) -> Estimate:

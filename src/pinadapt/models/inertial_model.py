@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._kernels import models as kernels
-from .regressor import PER_BODY, Regressor, inertial_parameters
+from .regressor import PER_BODY, Regressor, inertial_parameters, wrong_sizes
 
 
 class InertialModel(Regressor):
@@ -54,7 +54,10 @@ class InertialModel(Regressor):
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], rotors included."""
         c = self._written()
-        tau = pin.rnea(self._model, self._data, q, v, a)
+        try:
+            tau = pin.rnea(self._model, self._data, q, v, a)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q, v, a) from error
         if c:
             tau -= c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
         return tau
@@ -62,7 +65,10 @@ class InertialModel(Regressor):
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
         c = self._written()
-        M = pin.crba(self._model, self._data, q)
+        try:
+            M = pin.crba(self._model, self._data, q)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q) from error
         if c:
             M = M - c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M

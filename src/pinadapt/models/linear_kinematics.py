@@ -32,7 +32,7 @@ from ..description.chain import axis_of, frame_id, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import PositionTask, quaternion
-from .regressor import SAMPLES, live_array, moves, random_states
+from .regressor import SAMPLES, live_array, moves, random_states, wrong_sizes
 from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
@@ -200,7 +200,10 @@ class _ObservedChain:
 
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
-        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        try:
+            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q, v) from error
         m, shape = len(self.G), (len(self.G), a.size)
         found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
         kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
@@ -302,6 +305,8 @@ class LinearKinematics(TaskKinematics):
 
         Without the second part (17) of Wang and Xie does not hold.
         """
+        if a_k_rate.size != self.size:
+            raise ParameterError(f"expected {self.size} numbers.", where="a_k_rate")
         chain = self._now
         found = self._now.Jdot.copy()
         kernels.add_map_rates(

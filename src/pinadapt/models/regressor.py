@@ -15,6 +15,7 @@ from numpy import empty
 
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
+from ..exceptions import InputError
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SAMPLES = 30  # states that stand for all; 20 suffice to compare two models of seven joints
@@ -70,7 +71,10 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        return self._of(self._model, q, v, a)
+        try:
+            return self._of(self._model, q, v, a)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q, v, a) from error
 
     def _of(self, model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the regressor (n, 10 n) of a model with these joints."""
@@ -85,17 +89,30 @@ class Regressor:
         C(q, u) w is bilinear and symmetric in u and w; polarisation gives it by two regressors,
         Y = Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
-        mean = 0.5 * (v + v_r)
-        Y = self._of(self._model, q, mean, a_r)
-        Y -= self._of(self._weightless, q, v - mean, self._zero)
+        try:
+            mean = 0.5 * (v + v_r)
+            Y = self._of(self._model, q, mean, a_r)
+            Y -= self._of(self._weightless, q, v - mean, self._zero)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q, v, v_r, a_r) from error
         return Y
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n)."""
-        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        try:
+            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        except ValueError as error:
+            raise wrong_sizes(self._model, q, v) from error
         Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(*self._chain, Y_M, Y_0)
         return Y_M, Y_0
+
+
+def wrong_sizes(model: pin.Model, q: np.ndarray, *rates: np.ndarray) -> InputError:
+    """Return the error of a q (nq), velocities or accelerations (nv) that Pinocchio refused."""
+    given = [np.shape(each) for each in (q, *rates)]
+    wanted = [(model.nq,), *[(model.nv,)] * len(rates)]
+    return InputError(f"expected q and its rates of the shapes {wanted}, got {given}.", where="q")
 
 
 def moves(model: pin.Model) -> np.ndarray:

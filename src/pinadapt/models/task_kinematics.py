@@ -14,6 +14,7 @@ from ..robot.constraints import Constraints
 from ..robot.robot import Robot
 from ..tasks.frame import ComTask
 from ..tasks.task import JointTask, Task
+from .regressor import wrong_sizes
 from .right_inverse import RightInverse
 from .translations import Translation, Words
 
@@ -197,6 +198,8 @@ class ComKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
+        if q.size != self.nq or v.size != self.nv:
+            raise wrong_sizes(self.robot.model, q, v)
         self._q, (self.J, self._rate) = q, self.task.jacobians(self._data, q, v)
         self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
 
@@ -224,6 +227,8 @@ class JointKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
+        if q.size != self.nq or v.size != self.nv:
+            raise wrong_sizes(self.robot.model, q, v)
         self._q = q
         self.xd_hat = v[self._dofs]
 
