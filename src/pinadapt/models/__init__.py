@@ -9,9 +9,9 @@ from .delay_compensation import DelayCompensator as DelayCompensator
 from .delay_compensation import SensedState as SensedState
 from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
-from .frames_kinematics import FramesKinematics as FramesKinematics
 from .joint_effects import JointEffects as JointEffects
 from .linear_kinematics import FrameKinematics as FrameKinematics
+from .linear_kinematics import FramesKinematics as FramesKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
 from .regressor import Regressor as Regressor

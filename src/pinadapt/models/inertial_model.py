@@ -28,8 +28,8 @@ class InertialModel(Regressor):
         self._inertias = self._model.inertias
         self._ballast_model.armature = np.zeros(model.nv)
         self.load(inertial_parameters(model))
-        self._tens = np.zeros(PER_BODY * model.nv)
-        self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
+        self._inertial = np.zeros(PER_BODY * model.nv)
+        self._bodies = list(enumerate(self._inertial.reshape(-1, PER_BODY), 1))  # views
         for joint in range(1, model.njoints):  # point masses at the joints
             self._ballast_model.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
 
@@ -45,7 +45,7 @@ class InertialModel(Regressor):
     def _written(self) -> float:
         """Return c, with the parameters in the model: for a torque or a mass matrix."""
         if self._c is None:
-            self._c = kernels.take(self._pi, self._tens)
+            self._c = kernels.take(self._pi, self._inertial)
             inertias, from_pi = self._inertias, pin.Inertia.FromDynamicParameters
             for joint, pi in self._bodies:
                 inertias[joint] = from_pi(pi)

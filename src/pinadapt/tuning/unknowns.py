@@ -16,7 +16,6 @@ from ..models.basis import BasisDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
-from ..models.frames_kinematics import FramesKinematics
 from ..models.joint_effects import (
     KINDS,
     USUAL,
@@ -24,7 +23,7 @@ from ..models.joint_effects import (
     chosen_kinds,
     without_joint_effects,
 )
-from ..models.linear_kinematics import GEOMETRY, FrameKinematics
+from ..models.linear_kinematics import GEOMETRY, FrameKinematics, FramesKinematics
 from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
