@@ -4,9 +4,9 @@
 two do. They stand two reaches away from it, look at it from somewhere above, and the reach covers
 500 pixels. Unknown are the cameras, the tool (5 % of the reach), a load of 5 % of the mass, every
 inertia (30 % too small in the model), friction and rotors. The picture of the point follows that of
-a circle within the workspace for 8 s, begun at rest, with default gains at 500 Hz, after a wiggle
-of two seconds. Sensors are perfect, or there are 30 pictures a second that are 60 ms late, with
-noise of half a pixel.
+a circle within the workspace for 8 s, begun at rest, with default gains at 500 Hz, after an
+excitation of two seconds. Sensors are perfect, or there are 30 pictures a second that are 60 ms
+late, with noise of half a pixel.
 """
 
 from __future__ import annotations

@@ -53,7 +53,10 @@ def distances(found: Calibration, log: pa.Log) -> np.ndarray:
 def measure(unknown: str) -> dict[str, Any]:
     """Return the rms distances in both files [m]."""
     folder, robot = Path(os.environ["TIAGO_POSTURES"]), pa.load("tiago_arm")
-    logs = [read_log(folder / name, robot, intake=READ, torques=False) for name in (TRAINING, TEST)]
+    logs = [
+        read_log(folder / name, robot, import_options=READ, torques=False)
+        for name in (TRAINING, TEST)
+    ]
     found = calibrate(logs[0], robot, unknown=LEVELS[unknown], tracker=True)
     training, test = (distances(found, log) for log in logs)
     return {

@@ -85,7 +85,7 @@ def measure(robot: str, run: str) -> dict[str, Any]:
         )
     except InputError as error:
         return {"status": REFUSED, "reason": str(error).replace(str(path), robot)}
-    except pa.PinadaptError as error:  # in the wiggle before a motion
+    except pa.PinadaptError as error:  # in the excitation before a motion
         return {"status": DIVERGED, "reason": str(error)}
 
 

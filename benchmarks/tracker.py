@@ -5,7 +5,7 @@ some angle about a random axis and stands up to a metre away in each coordinate.
 tool of 5 % of the reach, a load of 5 % of the mass, every inertia (30 % too small in the model) and
 friction and rotors, of which the arm has none. The arm follows a circle within its workspace for
 8 s, begun at rest, with default gains at 500 Hz. A small motion of all joints comes first,
-for two seconds ("wiggle"); or the arm begins as soon as motions of millimetres have identified the
+for two seconds ("excited"); or the arm begins as soon as motions of millimetres have identified the
 axes. Sensors are
 perfect, or the tracker has 30 frames a second that are 60 ms late with noise of 1 mm. For poses the
 marker is turned on the tool as well, by 79 degrees, and the tool tilts by 17 degrees and back
@@ -27,7 +27,7 @@ from pinadapt.tasks.frame import matrix, quaternion
 from .shared import Row, grouped, markdown, quiet
 from .uncalibrated import DURATION, PERIOD, errors, in_percent, random_of, sensors_of, spoiled
 
-WAITING, NOISY = 4.0, 30.0  # [s] and [s m^2] over the reach's square, longer without a wiggle
+WAITING, NOISY = 4.0, 30.0  # [s] and [s m^2] over the reach's square, longer without an excitation
 TILT, MARKER = 0.3, np.array([0.5, -1.0, 0.8])  # [rad]
 NOISE = 1e-3  # [m]
 
@@ -58,7 +58,7 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         x_d, xd_d, xdd_d = (np.append(*each) for each in zip(seen, parts, strict=True))
         return x_d, xd_d, xdd_d
 
-    duration, at_once = DURATION, start.endswith("no wiggle")
+    duration, at_once = DURATION, start.endswith("at once")
     if at_once:
         duration += WAITING + (NOISY / described.reach**2 if sensors == "camera" else 0.0)
     controller = pa.make_controller(
@@ -97,10 +97,10 @@ def with_marker(robot: pa.Robot) -> pa.Robot:
 
 
 STARTS = {
-    "wiggle": "excitation of 2 s first",
-    "no wiggle": "at once",
-    "pose, wiggle": "pose, excitation of 2 s first",
-    "pose, no wiggle": "pose, at once",
+    "excited": "excitation of 2 s first",
+    "at once": "at once",
+    "pose, excited": "pose, excitation of 2 s first",
+    "pose, at once": "pose, at once",
 }
 
 

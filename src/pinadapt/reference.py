@@ -298,7 +298,7 @@ class Approach(Derived):
         return Desired(np.asarray(x_d), -sd / T * self.way, -sdd / T**2 * self.way)
 
 
-class Wiggle(Trajectory):
+class SmallExcitation(Trajectory):
     """A small excitation of all joints about a configuration, which begins and ends there at rest.
 
     Joint j moves by A_j sin^2(pi t / T) sin(2 pi c_j t / T) with c_j = 1 + j / 2 cycles, j = 0, 1,

@@ -1,4 +1,4 @@
-"""``pinadapt identify``: the options of the intake, the file beside a log, and doubtful logs."""
+"""``pinadapt identify``: import options, the file beside a log, and doubtful logs."""
 
 import argparse
 
@@ -37,7 +37,7 @@ def copy(tmp_path):
 
 
 def options_of(*arguments):
-    """Return the intake of arguments of the command line."""
+    """Return the import options of arguments of the command line."""
     parser = argparse.ArgumentParser()
     command.identify_arguments(parser)
     found = command._import_options(parser.parse_args([*arguments, "--robot", "panda"]))
@@ -45,16 +45,17 @@ def options_of(*arguments):
 
 
 def test_options_override_the_file_beside_the_log(tmp_path):
-    (tmp_path / "log.intake.toml").write_text('rate = 50.0\nmount = "wall"\n')
+    (tmp_path / "log.import_options.toml").write_text('rate = 50.0\nmount = "wall"\n')
     log = str(tmp_path / "log.csv")
     assert options_of(log) == ImportOptions(rate=50.0, mount="wall")
     assert options_of(log, "--rate", "20", "--gravity", "0,0,9") == ImportOptions(
         rate=20.0, gravity=[0, 0, 9]
     )
     other = str(tmp_path / "other.csv")
-    (tmp_path / "other.intake.toml").write_text("rate = 60.0\n")
+    (tmp_path / "other.import_options.toml").write_text("rate = 60.0\n")
     with pytest.raises(
-        pa.InputError, match=r"options apply to all logs, but .*other\.intake\.toml states how one"
+        pa.InputError,
+        match=r"options apply to all logs, but .*other\.import_options\.toml states",
     ):
         options_of(log, other, "--degrees")
     assert options_of(log, other) == ImportOptions(rate=50.0, mount="wall")
@@ -69,6 +70,6 @@ def test_a_doubtful_log_gives_a_nonzero_exit_status(copy, tmp_path, capsys):
     assert "DOES NOT FIT" in printed.out and "--torque-gain=11.7" in printed.err
     assert "do not fit the description" in printed.err.splitlines()[-1]
     assert not out.exists()
-    assert main([*arguments, "--write-intake"]) == 2
-    assert "do not fit" in (tmp_path / "log.intake.toml").read_text()
-    (tmp_path / "log.intake.toml").unlink()
+    assert main([*arguments, "--write-import-options"]) == 2
+    assert "do not fit" in (tmp_path / "log.import_options.toml").read_text()
+    (tmp_path / "log.import_options.toml").unlink()

@@ -30,7 +30,7 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys, blank_pictures):
 
 
 def test_the_page_without_calibration_runs():
-    """Shortened, the first one at half of its rate; both begin after two seconds of a wiggle."""
+    """Shortened, the first one at half of its rate; both begin after two seconds of excitation."""
     scope = {}
     of_tracker, of_camera = blocks("without_calibration")
     assert "dt=0.002" in of_tracker

@@ -102,13 +102,13 @@ def test_torques_without_gravity_are_detected_and_compensated():
     with pytest.raises(pa.LogError, match=r"without gravity.*--compensated nominal") as refused:
         pa.identify(left_out, robot, unknown=viscous)
     assert "--compensated nominal" in refused.value.check.causes[0]
-    plain = pa.identify(left_out, robot, unknown=viscous, intake={"doubtful": True})
+    plain = pa.identify(left_out, robot, unknown=viscous, import_options={"doubtful": True})
     assert not plain.trusted and plain.verdict.startswith("NOT TO BE TRUSTED")
     payload = pa.Unknown(tool=False, bodies="payload", **TOLD)
-    whole = pa.identify(left_out, robot, unknown=payload, intake={"compensated": "nominal"})
+    whole = pa.identify(left_out, robot, unknown=payload, import_options={"compensated": "nominal"})
     assert whole.torque_errors.gain > 100.0 and whole.trusted
-    by_intake, _ = log_and_robot(left_out, robot, pa.logs.ImportOptions(compensated="nominal"))
-    assert np.array_equal(by_intake.tau, whole.log.tau)
+    by_options, _ = log_and_robot(left_out, robot, pa.logs.ImportOptions(compensated="nominal"))
+    assert np.array_equal(by_options.tau, whole.log.tau)
 
 
 def test_late_torques_are_found_under_noise():
@@ -164,7 +164,7 @@ def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
     _, q, v, a = motion("ur5", duration=4.0)
     told, doubtful = pa.Unknown(tool=False, **TOLD), {"doubtful": True}
     log = replace(log, tau=torques(loaded, q, v, a))
-    found = pa.identify(log, robot, unknown=told, intake=doubtful)
+    found = pa.identify(log, robot, unknown=told, import_options=doubtful)
     assert "no load explains" in str(found) and found.summary()["payload"] is None
 
 

@@ -28,11 +28,11 @@ def log():
     return replace(recorded("ur5", duration=1.5, dt=4e-3), x=None, x_time=None)
 
 
-def read(source, robot, **intake):
+def read(source, robot, **import_options):
     """Return a log that is read without any warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return pa.read_log(source, robot, intake=intake)
+        return pa.read_log(source, robot, import_options=import_options)
 
 
 def samples(log, chosen):
@@ -50,7 +50,7 @@ def test_columns_of_a_file_without_header_are_numbered(tmp_path, robot, log, sig
     np.savetxt(path, np.column_stack(columns), "%.17g", ",")
     options = {} if timed else {"rate": 250.0}
     with pytest.raises(pa.LogError, match=r"no joint positions found.*q=2-8"):
-        pa.read_log(path, robot, intake=options)
+        pa.read_log(path, robot, import_options=options)
     columns = {"t": "1"} if timed else {}
     for k, signal in enumerate(signals):
         first = 1 + timed + 6 * k
@@ -140,9 +140,9 @@ def test_repeated_samples_are_refused_or_left_out(robot, log):
     with pytest.raises(pa.LogError, match=r"times must ascend.*--repeated drop"):
         pa.read_log(doubled, robot)
     with pytest.warns(UserWarning, match="of 450 samples repeat earlier ones"):
-        assert same(pa.read_log(doubled, robot, intake={"repeated": "drop"}), log)
+        assert same(pa.read_log(doubled, robot, import_options={"repeated": "drop"}), log)
     with pytest.warns(UserWarning, match="repeat earlier ones"):
-        found = pa.read_log(held, robot, intake={"repeated": "drop"})
+        found = pa.read_log(held, robot, import_options={"repeated": "drop"})
     kept = np.append(True, again[1:] != again[:-1])
     assert same(found, samples(held, kept))
     still = replace(samples(log, np.maximum(np.arange(len(log.t)), 100)), t=log.t)
@@ -167,7 +167,7 @@ def test_an_arm_is_mounted_as_stated(robot):
 # The file
 
 
-def test_an_intake_is_written_and_read(tmp_path):
+def test_import_options_are_written_and_read(tmp_path):
     full = ImportOptions(
         columns={"t": "stamp", "q": ["a 1", 'b"2']},
         joints=["a", "b"],
@@ -185,11 +185,15 @@ def test_an_intake_is_written_and_read(tmp_path):
         doubtful=True,
     )
     path = tmp_path / "a.toml"
-    for intake in (full, ImportOptions(), ImportOptions(mount="wall", joints={"tau": ["a", "b"]})):
-        path.write_text(intake.text(["What was assumed."]))
+    for import_options in (
+        full,
+        ImportOptions(),
+        ImportOptions(mount="wall", joints={"tau": ["a", "b"]}),
+    ):
+        path.write_text(import_options.text(["What was assumed."]))
         found = ImportOptions.of(path)
         for one in fields(ImportOptions):
-            value, given = getattr(found, one.name), getattr(intake, one.name)
+            value, given = getattr(found, one.name), getattr(import_options, one.name)
             assert np.array_equal(value, given) or list(value) == list(given), one.name
 
 
@@ -203,7 +207,7 @@ def test_a_bag_of_several_topics_and_other_names_is_read(tmp_path, robot, log):
     (file,) = path.glob("*.db3")
     alone = file.rename(tmp_path / "alone.db3")
     with pytest.raises(pa.LogError, match=r"no message .* has all of the joints"):
-        pa.read_log(alone, robot, intake={"topic": "/joint_states"})
+        pa.read_log(alone, robot, import_options={"topic": "/joint_states"})
     assert same(read(alone, robot, topic="/joint_states", joints=names), log, ("q", "v", "tau"))
     path = write_bag(tmp_path / "b", "mcap", log, robot.joint_names, more={"/gripper": ["finger"]})
     with pytest.raises(pa.LogError, match=r"2 topics have .*/gripper.*--topic NAME"):

@@ -66,7 +66,7 @@ def test_columns_are_found_by_the_names_of_joints(tmp_path, robot, log, form):
 def test_degrees_are_read_on_request(tmp_path, robot, log):
     turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
     path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
-    assert same(pa.read_log(path, robot, intake={"degrees": True}), log)
+    assert same(pa.read_log(path, robot, import_options={"degrees": True}), log)
 
 
 def test_continuous_joints_are_angles_or_configurations():
@@ -212,7 +212,7 @@ def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kin
     again = {part: getattr(shuffled, part)[twice] for part in ("t", "q", "v", "tau")}
     shuffled = replace(shuffled, **again)
     write_bag(path, kind, shuffled, [robot.joint_names[j] for j in order])
-    read = pa.read_log(path, robot, intake={"pose_topic": "/tracker"})
+    read = pa.read_log(path, robot, import_options={"pose_topic": "/tracker"})
     for part in ("t", "q", "v", "tau", "x_time"):
         assert np.allclose(getattr(read, part), getattr(log, part), atol=2e-7), part
     assert np.allclose(read.x[:, :3], log.x) and read.x.shape[1] == 7

@@ -9,8 +9,8 @@ import pinadapt as pa
 from pinadapt.information.tracker import find_camera
 from pinadapt.models.camera_kinematics import CameraKinematics
 from pinadapt.plants.sensors import SimulatedSensors
-from pinadapt.reference import Wiggle
-from pinadapt.simulation.simulate import wiggled
+from pinadapt.reference import SmallExcitation
+from pinadapt.simulation.simulate import after_excitation
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
 from tests.support.differences import derivative
 from tests.support.identities import check_motion, moving
@@ -142,7 +142,7 @@ def test_the_camera_is_found_from_frames():
     robot = catalogue_robot("panda")
     true, believed = filmed(robot)
     kinematics = CameraKinematics(believed, ["tool"])
-    motion, samples = Wiggle(robot), []
+    motion, samples = SmallExcitation(robot), []
     for t in np.arange(0.0, 2.0, 0.04):
         q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
         samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
@@ -205,7 +205,7 @@ def test_pixels_of_mujocos_own_camera(tmp_path):
     plant = Filmed(true, mjcf=pa.plants.MujocoFile(path))
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 0.5 * pixel})
     controller = pa.make_controller(believed, adaptation="natural", sensors=sensors, dt=4e-3)
-    a_k = wiggled(plant, controller, 4e-3, SimulatedSensors(true, 4e-3, sensors))["a_k"]
+    a_k = after_excitation(plant, controller, 4e-3, SimulatedSensors(true, 4e-3, sensors))["a_k"]
     y_0 = plant.measure().x
     radius = 0.06 * robot.reach
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.excited import TOLD_APART, TorqueErrors, scales
+from pinadapt.models.excited import IDENTIFIABLE, TorqueErrors, scales
 from tests.support.chains import catalogue_robot
 
 
@@ -37,6 +37,6 @@ def test_combinations_are_scaled_and_change_the_torques_independently():
     assert np.allclose(C @ L @ L.T @ C.T, np.eye(found.rank), atol=1e-9)
     squares = C @ L @ L.T @ found.squares @ L @ L.T @ C.T
     assert np.allclose(squares, np.diag(found.effects[: found.rank] ** 2), atol=1e-9)
-    assert found.effects[found.rank - 1] > TOLD_APART >= found.effects[found.rank]
+    assert found.effects[found.rank - 1] > IDENTIFIABLE >= found.effects[found.rank]
     d = np.random.default_rng(2).standard_normal(dynamics.size) * np.abs(dynamics.initial)
     assert np.sum((found.rows @ d) ** 2) == pytest.approx(d @ found.squares @ d)

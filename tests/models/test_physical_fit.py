@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pinadapt.models.bodies import pseudo_inertia, ten_parameters
+from pinadapt.models.bodies import from_pseudo_inertia, pseudo_inertia
 from pinadapt.models.physical_fit import PhysicalSet, physical_fit
 from tests.support.chains import random_inertia
 
@@ -68,7 +68,7 @@ def test_the_estimate_does_not_depend_on_frame_or_unit():
     G[:3] *= 3.0  # other axes, another origin, another unit of length
 
     def moved(ten):
-        return ten_parameters(G @ pseudo_inertia(ten) @ G.T)
+        return from_pseudo_inertia(G @ pseudo_inertia(ten) @ G.T)
 
     T = np.eye(11)
     T[:10, :10] = np.column_stack([moved(e) for e in np.eye(10)])

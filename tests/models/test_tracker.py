@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import pinadapt as pa
 from pinadapt.information.tracker import find_tracker
 from pinadapt.models.tracker_kinematics import TrackerKinematics
-from pinadapt.reference import Wiggle
+from pinadapt.reference import SmallExcitation
 from pinadapt.tasks.frame import turned
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
 from tests.support.identities import check_kinematics, check_motion
@@ -153,7 +153,7 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
 
 
 @pytest.mark.slow
-def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
+def test_after_an_excitation_the_angle_of_the_tracker_has_no_influence():
     """Frame, tool, load and every inertia unknown; in the first second 3 % of the radius."""
     robot = catalogue_robot("panda")
     turn = np.pi * TURN / np.linalg.norm(TURN)
@@ -167,7 +167,7 @@ def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
 
 
 @pytest.mark.slow
-def test_without_a_wiggle_the_path_waits_until_the_axes_are_known():
+def test_without_an_excitation_the_path_waits_until_the_axes_are_known():
     """The joints are held, under the load, while the frame moves by millimetres."""
     robot = catalogue_robot("panda")
     turn = np.pi * TURN / np.linalg.norm(TURN)
@@ -209,7 +209,7 @@ def frames():
     """Measurements of a wiggling Panda with a tool, seen by a tracker."""
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=TOOL).seen_from(TURN, PLACE)
-    motion, samples = Wiggle(robot), []
+    motion, samples = SmallExcitation(robot), []
     for t in np.arange(0.0, 2.0, 0.01):
         q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
         samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))

@@ -217,11 +217,11 @@ class CompositeMemory(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        gradient, fading = self._recalled(estimate, drive)
+        gradient, fading = self._memory_gradient(estimate, drive)
         rate = self.inner.rate(self._inner(estimate), self._total(drive, gradient))
         rates = [0.0 * part for part in estimate.memory[: self._parts]]
         if gradient is not None:
-            rates[0] = self._told(estimate, drive) - fading * estimate.memory[0]
+            rates[0] = self._information_rate(estimate, drive) - fading * estimate.memory[0]
         return Estimate(rate.value, (*rates, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -233,23 +233,23 @@ class CompositeMemory(Wrapper):
         if due[0] < 0.5 * dt:
             span = max(self.interval, dt)
             due = np.array([span])
-            gradient, fading = self._recalled(estimate, drive)
-            sums = span * self._told(estimate, drive) + math.exp(-fading * span) * sums
+            gradient, fading = self._memory_gradient(estimate, drive)
+            sums = span * self._information_rate(estimate, drive) + math.exp(-fading * span) * sums
         after = self.inner.step(self._inner(estimate), self._total(drive, gradient), dt)
         return self._outer((sums, gradient, due - dt, prior), after)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        total = self._total(drive, self._recalled(estimate, drive)[0])
+        total = self._total(drive, self._memory_gradient(estimate, drive)[0])
         own = -float((estimate.value - truth).dot(total.gradient - drive.gradient))
         return own + self.inner.dissipation(self._inner(estimate), total, truth)
 
     def _total(self, drive: Drive, gradient: np.ndarray | None) -> Drive:
         """Return the drive of the inner adaptation, with the memory's gradient H da (p)."""
-        recalled = 0.0 if gradient is None else self.speed / self.share * gradient
-        return Drive(drive.Y, drive.e, gradient=drive.gradient + recalled)
+        remembered = 0.0 if gradient is None else self.speed / self.share * gradient
+        return Drive(drive.Y, drive.e, gradient=drive.gradient + remembered)
 
-    def _told(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+    def _information_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the sums (p + 1, p + 1) of a prediction error and of the prior, per second."""
         W = drive.W
         assert W is not None
@@ -257,7 +257,7 @@ class CompositeMemory(Wrapper):
         R = self._bandwidth / self._variance * np.eye(len(W))
         return sums_of(W, y, R) + estimate.memory[3]
 
-    def _recalled(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
+    def _memory_gradient(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
         """Return H da (p) and mu [1/s]; None and zero without a prediction error.
 
         One factorisation of I + A P serves H da and S.

@@ -39,7 +39,7 @@ def identify_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     group = _add_shared(parser, "identified")
     group.add_argument(
-        "--write-intake",
+        "--write-import-options",
         action="store_true",
         help="read and check the log, write that file, and stop",
     )
@@ -223,7 +223,7 @@ def _import_options(options: Namespace) -> ImportOptions | None:
         raise InputError(
             f"options apply to all logs, but {beside[0]} states how one of them is read.",
             where="identify",
-            hint="Write the options into the files beside the logs: --write-intake, one by one.",
+            hint="Write them into the files beside the logs: --write-import-options, one by one.",
         )
     return ImportOptions.of(None, logs[0]).updated(**said)
 
@@ -233,9 +233,9 @@ def identify(options: Namespace) -> int:
 
     Nothing is written before the estimation is complete.
     """
-    intake = _import_options(options)
-    if options.write_intake:
-        return max(_write_import_options(options, log, intake) for log in options.log)
+    import_options = _import_options(options)
+    if options.write_import_options:
+        return max(_write_import_options(options, log, import_options) for log in options.log)
     folder = _place(options, "identified", FILES)
     robot = _robot(options)
     compared = {
@@ -247,7 +247,7 @@ def identify(options: Namespace) -> int:
         found = identify_log(
             options.log,
             robot,
-            intake=intake,
+            import_options=import_options,
             unknown=Unknown().with_names(**named),
             **given(options, ("test", "empty", "total_mass", "known_load")),
             mass_bounds=dict(options.mass_bounds or ()),
@@ -280,7 +280,7 @@ def calibrate(options: Namespace) -> int:
     found = calibration.calibrate(
         options.log,
         _robot(options),
-        intake=_import_options(options),
+        import_options=_import_options(options),
         **given(options, ("unknown", "tracker")),
     )
     try:
@@ -292,15 +292,15 @@ def calibrate(options: Namespace) -> int:
     return Exit.DONE if found.trusted else Exit.REFUSED
 
 
-def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
+def _write_import_options(options: Namespace, source: Path, given: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = place_beside(source)
     robot = _robot(options)
-    intake = ImportOptions.of(intake, source)
-    log, described = log_and_robot(source, robot, intake)
+    import_options = ImportOptions.of(given, source)
+    log, described = log_and_robot(source, robot, import_options)
     check = check_torques(log, described)
     how = f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}."
-    write_text(place, intake.text([how, f"Checked: {check.verdict}"]))
+    write_text(place, import_options.text([how, f"Checked: {check.verdict}"]))
     print(check)
     print(f"\nwritten to {place}")
     return Exit.DONE if check.fits else Exit.REFUSED

@@ -207,7 +207,7 @@ def calibrate(
     *,
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
-    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
 
@@ -225,7 +225,7 @@ def calibrate(
             "tool", or names of joints; "offsets" for the encoders alone.
         tracker: whether x is in axes of its own, anywhere; the placement of the first joint is then
             identified only relative to these, and stays as described.
-        intake: how logs are to be read, as of ``identify``.
+        import_options: how logs are to be read, as of ``identify``.
 
     Raises:
         LogError: a log that cannot be used: without x, with too few frames, x in millimetres, in
@@ -237,7 +237,7 @@ def calibrate(
     described.check_single_frame()
     words = name_list(unknown, "unknown")
     logs = [
-        read_log(source, described, intake=intake, torques=False)
+        read_log(source, described, import_options=import_options, torques=False)
         for source in (log if isinstance(log, list | tuple) else (log,))
     ]
     name = ", ".join(one.source for one in logs)

@@ -603,8 +603,8 @@ class Estimator:
         With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
         # a load that is unknown from the start cannot be told from an unknown last body
-        told = state.load is not None and (self._alone or bool(state.past.any()))
-        S, shares, load = np.eye(len(self._B)), told * a[self._shares], told * a[self._load]
+        known = state.load is not None and (self._alone or bool(state.past.any()))
+        S, shares, load = np.eye(len(self._B)), known * a[self._shares], known * a[self._load]
         S[self._carried] = 0.0
         S[self._carried, self._loaded] = shares
         S[self._carried, self._gears] = load

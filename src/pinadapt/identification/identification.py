@@ -62,7 +62,7 @@ def identify(
     total_mass: float | None = None,
     known_load: float | None = None,
     mass_bounds: Mapping[str, tuple[float, float]] | None = None,
-    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
@@ -95,14 +95,14 @@ def identify(
             joint's torque is then found from what is not held out, and divided out.
         mass_bounds: least and largest mass of bodies [kg], by the joints that move them; one that
             the log alone would put beyond is put there, to a thousandth.
-        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
-            default, each by the file beside it.
+        import_options: how all logs are to be read, ``ImportOptions``, their fields or a TOML
+            file; by default, each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
         LogError: a log that cannot be used.
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
-            the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
+            the likely causes. ``import_options={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
         InputError: unknown words, a mass that is not positive, bounds that are none, a known load
             without ``empty``, or nothing is unknown.
@@ -122,10 +122,10 @@ def identify(
             hint="Record the arm without the load too: --empty, in Python empty=...",
         )
     sources, tests = _several(log), _several(test)
-    logs, intakes = list[Log](), list[ImportOptions]()
+    logs, all_options = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *([] if empty is None else [empty])):
-        intakes.append(ImportOptions.of(intake, source))
-        one, described = log_and_robot(source, described, intakes[-1])
+        all_options.append(ImportOptions.of(import_options, source))
+        one, described = log_and_robot(source, described, all_options[-1])
         logs.append(one)
     count = len(sources) + len(tests)
     logs, without = in_sequence(logs[:count], _PAUSE), logs[count:]
@@ -141,12 +141,12 @@ def identify(
     if dynamics.size and constraints is None:
         checks = (check_torques(one, described) for one in (*logs, *without))
         check = min(checks, key=lambda one: one.fits)  # the first that does not, if there is one
-        if not (check.fits or any(way.doubtful for way in intakes)):
+        if not (check.fits or any(way.doubtful for way in all_options)):
             raise TorqueMismatchError(
                 check.verdict,
                 where=f"{check.source}: tau",
                 hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
-                'intake={"doubtful": True}.',
+                'import_options={"doubtful": True}.',
                 check=check,
             )
     # one after another, each smoothed alone
@@ -231,7 +231,7 @@ def identify(
         gains=gains,
         check=check,
         stated=weighed,
-        intake=intakes[0],
+        import_options=all_options[0],
     )
 
 
@@ -292,17 +292,17 @@ def _controller(robot: Robot, unknown: Unknown) -> Controller:
         return make_controller(robot, unknown=unknown, limits=Limits(torque=False))
 
 
-def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log, Robot]:
+def log_and_robot(source: Any, robot: Robot, import_options: ImportOptions) -> tuple[Log, Robot]:
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
         LogError: as ``read_log``.
     """
-    robot = intake.mounted(robot)
-    log = read_log(source, robot, intake=intake)
-    if intake.mount == "wall":
+    robot = import_options.mounted(robot)
+    log = read_log(source, robot, import_options=import_options)
+    if import_options.mount == "wall":
         robot = on_wall(log, robot)
-    added = compensation_of(robot, intake.compensated)
+    added = compensation_of(robot, import_options.compensated)
     if added is None:
         return log, robot
     missing = np.array([added(q) for q in log.configurations(robot)])

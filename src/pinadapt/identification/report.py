@@ -46,7 +46,7 @@ FILES = (
     "parameters.png",
     "learned.json",
     "learned.urdf",
-    "intake.toml",
+    "import_options.toml",
     "report.html",
     "learned.xml",
     "summary.json",
@@ -122,7 +122,7 @@ class Identification(Printed):
         load: estimated from this log and one without it; None without such a log.
         gains: by which measured torques exceed the true ones, one a joint, if a load was known.
         check: the comparison of the torques with the description, None where none were needed.
-        intake: how the log was read.
+        import_options: how the log was read.
     """
 
     log: Log
@@ -145,7 +145,7 @@ class Identification(Printed):
     load: PayloadEstimate | None
     gains: Information | None
     check: TorqueCheck | None
-    intake: ImportOptions
+    import_options: ImportOptions
 
     @property
     def state(self) -> ControllerState:
@@ -460,7 +460,7 @@ class Identification(Printed):
             write_text(folder / f"{name}.png", figure.png(dpi=130))
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
-        write_text(folder / "intake.toml", self.intake.text([about]))
+        write_text(folder / "import_options.toml", self.import_options.text([about]))
         write_json(folder / "summary.json", self.summary())
         missing = []
         for name in ("report.html", "learned.urdf", "learned.xml")[: 2 + mjcf]:

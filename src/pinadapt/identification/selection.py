@@ -33,7 +33,7 @@ from .fits import WEIGHT, Windows, noise_levels
 _BLOCKS = 8
 # Standard errors that an effect has to gain: of a hundred that are none, 2 take two, 1 sixteen; 4
 # takes hardly any that a log of a minute shows.
-_SURE = 2.0
+_SIGNIFICANCE = 2.0
 # Share of the squared error that it has to gain: half as much takes what is none, twice as much
 # leaves out effects that lower the held-out error of a TIAGo by a sixth.
 LEAST_GAIN = 0.015
@@ -154,7 +154,7 @@ def choose_effects(
             after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
             share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
-            if share > max(_SURE * error, LEAST_GAIN):
+            if share > max(_SIGNIFICANCE * error, LEAST_GAIN):
                 found.append((Gain(one.words, share, error), one))
         if not found:
             return ChosenEffects(friction, tuple(words), tuple(gains))

@@ -50,7 +50,7 @@ _LEAST = 0.4  # correlation, and share of a joint's torque, from where on a rela
 _VISIBLE = 0.05
 # In log(residual^2): by how much a mistake must be likelier than none. Half refuses quarters of
 # real logs, twice as much accepts a wrong sign.
-_SURELY = 1.15
+_EVIDENCE = 1.15
 # Deviation of a described body in the divergence of ``physical_fit``: 0.3 of its mass. Half takes a
 # UR10 for a UR5, twice refuses a quarter of the log of a Panda.
 _OFF = 0.6
@@ -163,8 +163,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     undone = ((cause, _fit(other)) for cause, other in _mistakes(motion))
     likely = sorted(undone, key=lambda one: one[1].score)
     causes, best = list[str](), likely[0][1].score
-    if best < plain.score - _SURELY:
-        causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _SURELY]
+    if best < plain.score - _EVIDENCE:
+        causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _EVIDENCE]
     elif not plain.fits.all():
         shown = [
             f"{robot.joint_names[j]} is {plain.factor[j]:.2f} times the description (correlation "

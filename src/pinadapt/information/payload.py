@@ -262,14 +262,14 @@ class ArmPrior:
         load[plain.size - PER_BODY : plain.size] = PhysicalSet(1, pi).local(pi)[0]
         R, c = plain._equations(found)
 
-        def surprise(share: float) -> float:
+        def deviance(share: float) -> float:
             """Return -2 log of the evidence of a share, but for a constant."""
             U, s, _ = np.linalg.svd(R @ np.hstack([load, share * plain.root]), full_matrices=False)
             return float(np.sum(np.log1p(s**2)) - s**2 / (1.0 + s**2) @ (U.T @ c) ** 2)
 
         from scipy.optimize import minimize_scalar  # here, because scipy is slow to import
 
-        share = float(minimize_scalar(surprise, bounds=(0.0, INERTIA), method="bounded").x)
+        share = float(minimize_scalar(deviance, bounds=(0.0, INERTIA), method="bounded").x)
         return replace(plain, root=share * plain.root)
 
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:

@@ -222,11 +222,11 @@ class ApproximateJacobian(Law):
         sizes = s.dx.dot(s.dx) + s.xd_d.dot(s.xd_d) + s.xdd_d.dot(s.xdd_d)
         if not math.isfinite(sizes):  # a bounded torque would not show it, nor use xd_d and xdd_d
             raise DivergedError("the error of the task, or the desired motion, is not finite.")
-        rest, pull = np.zeros(s.v.size), self._pull(s)
+        rest, F = np.zeros(s.v.size), self._proportional(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
-        torque = model.dynamics.torque(s.q, rest, rest) - pull - self.brake(s.v)
+        torque = model.dynamics.torque(s.q, rest, rest) - F - self.brake(s.v)
         # Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx)
-        y = s.v + self.weight * self._compliance.dot(pull)
+        y = s.v + self.weight * self._compliance.dot(F)
         dynamic = Drive(model.dynamics.regressor(s.q, rest, rest), y)
         return Command(torque, Drives(dynamic, Drive.none(s.a_k.size)))
 
@@ -234,26 +234,26 @@ class ApproximateJacobian(Law):
         """Return the damping torque K_v qd (n) [N m or N] at joint velocity v (n)."""
         return self.K_v.dot(v)
 
-    def _pull(self, s: Signals) -> np.ndarray:
+    def _proportional(self, s: Signals) -> np.ndarray:
         """Return F = J_hat^T K_P s(dx) (n) [N m or N]."""
         return self.K_P.dot(self.saturation.of(s.dx)).dot(s.J)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return qd^T M (qd / 2 + z) + S(dx), M the true mass matrix."""
-        z = self.weight * self._compliance @ self._pull(s)
+        z = self.weight * self._compliance @ self._proportional(s)
         potential = np.diag(self.K_P) @ self.saturation.potential(s.dx)
         return float(s.v @ (truth.M @ (0.5 * s.v + z)) + potential)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, with the true task velocity where ``Signals.xd`` is measured."""
         dxd = s.xd - s.xd_d if s.delta is None else s.xd - s.xd_d + s.delta
-        force, pull = self.K_P @ self.saturation.of(s.dx), self._pull(s)
+        force, F = self.K_P @ self.saturation.of(s.dx), self._proportional(s)
         self.kinematics.update(s.a_k, s.q, s.v)
         turning = self.kinematics.jacobian_rate(np.zeros(s.a_k.size)).T @ force
         stretching = s.J.T @ (self.K_P @ self.saturation.rate(s.dx, dxd))
-        z = self.weight * self._compliance @ pull
+        z = self.weight * self._compliance @ F
         zd = self.weight * self._compliance @ (turning + stretching)
-        lost = (s.v + z) @ (pull + self.brake(s.v) + truth.friction.torque(s.v))
+        lost = (s.v + z) @ (F + self.brake(s.v) + truth.friction.torque(s.v))
         return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
 
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:

@@ -118,7 +118,7 @@ def read_log(
     source: Path | str | Log | Rollout,
     robot: Robot,
     *,
-    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     torques: bool = True,
 ) -> Log:
     """Return a recorded motion of a robot, checked, its columns in the order of the joints.
@@ -130,8 +130,9 @@ def read_log(
             t, q, tau and optionally v and x, by the joints' names or indices; a bag of ROS 1 or 2
             or MCAP (extra ``bags``); or a ``Log`` or ``Rollout``, see ``log_of_rollout``.
         robot: whose motion it is.
-        intake: how it is to be read: ``ImportOptions``, their fields, or a TOML file of them; by
-            default the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
+        import_options: how it is to be read: ``ImportOptions``, their fields, or a TOML file of
+            them; by default the one beside the log, ``run.import_options.toml`` of ``run.csv``, if
+            there is one.
         torques: whether they are needed. A log for the geometry alone may have none, and as few
             samples as there are frames.
 
@@ -141,7 +142,7 @@ def read_log(
         InputError: import options that cannot be used.
     """
     instance(robot, Robot, "robot")
-    options = ImportOptions.of(intake, source)
+    options = ImportOptions.of(import_options, source)
     if isinstance(source, Rollout):
         source = log_of_rollout(source)
     if not isinstance(source, Log):

@@ -37,7 +37,7 @@ from ..exceptions import InputError, LogError
 from ..robot.robot import Robot
 from .log import NAMES, SIGNALS, Log, joint_order
 
-SUFFIX = ".intake.toml"
+SUFFIX = ".import_options.toml"
 REPEATED = ("refuse", "drop")
 MOUNTS = ("floor", "wall", "ceiling")
 
@@ -94,7 +94,7 @@ class ImportOptions:
         Raises:
             InputError: values of the wrong kind, unknown words, or both gravity and mount.
         """
-        with located("intake", vars(self)):
+        with located("import_options", vars(self)):
             for signal in mapping(self.columns, "columns"):
                 word(signal, NAMES, "columns")
             if self.rate is not None:
@@ -129,7 +129,7 @@ class ImportOptions:
             return given or cls()
         table = given if isinstance(given, Mapping) else read_toml(Path(given))
         for key in table:
-            word(key, vars(cls()), "intake")
+            word(key, vars(cls()), "import_options")
         return cls(**table)
 
     @classmethod
@@ -171,7 +171,7 @@ class ImportOptions:
         if np.linalg.matrix_rank(G) < n:
             raise LogError(
                 "these gears cannot be inverted: some joint would not move.",
-                where="intake.gear",
+                where="import_options.gear",
                 hint="Row i has the turns of motor i for one turn of each joint.",
             )
         turning = ~np.array(list(robot.slides.values()))
@@ -196,8 +196,8 @@ class ImportOptions:
         found = {signal: np.ones(len(names)) for signal in ("q", "tau")}
         for entry in self.flip:
             signal, _, name = entry.rpartition(":")
-            word(signal or "tau", found, "intake.flip")
-            word(name, names, "intake.flip")
+            word(signal or "tau", found, "import_options.flip")
+            word(name, names, "import_options.flip")
             found[signal or "tau"][names.index(name)] *= -1.0
         return found
 
@@ -210,7 +210,7 @@ class ImportOptions:
             if not len(set(own)) == len(own) == len(names):
                 raise LogError(
                     f"expected a joint of the log for each of {names}, got {own}.",
-                    where="intake.joints",
+                    where="import_options.joints",
                 )
             order = joint_order(log.joints or names, own, log.source)
             log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
@@ -234,14 +234,14 @@ class ImportOptions:
 
 
 def place_beside(log: Path | str) -> Path:
-    """Return the place of the options beside a log: of ``run.csv`` it is ``run.intake.toml``."""
+    """Return the place of the options of a log: of ``run.csv``, ``run.import_options.toml``."""
     path = Path(log)
     return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
 
 
 def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np.ndarray:
     """Return one number for each joint (n); None: the default."""
-    where = f"intake.{key}"
+    where = f"import_options.{key}"
     if isinstance(given, Mapping):
         for name in given:
             word(name, names, where)
@@ -252,7 +252,7 @@ def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
     """Return gains or gears as a matrix (n, n); None: one."""
     if given is not None and not isinstance(given, Mapping):
-        whole = numbers(given, f"intake.{key}")
+        whole = numbers(given, f"import_options.{key}")
         if whole.shape == (len(names), len(names)):
             return whole
     return np.diag(_per_joint(given, names, key, 1.0))

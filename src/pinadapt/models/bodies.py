@@ -120,7 +120,7 @@ COLUMNS = COEFFICIENTS.reshape(PER_BODY, -1)  # the same with P row by row (16)
 _FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 
-def ten_parameters(P: np.ndarray) -> np.ndarray:
+def from_pseudo_inertia(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (..., 10) of bodies with pseudo-inertias P (..., 4, 4)."""
     return P.reshape(*P.shape[:-2], -1) @ _FROM_MATRIX
 
@@ -142,7 +142,7 @@ def nearest_physical(
     eigenvalues, vectors = np.linalg.eigh(about_com)
     eigenvalues = np.maximum(eigenvalues, m * radius**2)
     Sigma = (vectors * eigenvalues) @ vectors.T + m * np.outer(c, c)
-    return ten_parameters(np.block([[Sigma, m * c[:, None]], [m * c, m]]))
+    return from_pseudo_inertia(np.block([[Sigma, m * c[:, None]], [m * c, m]]))
 
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:

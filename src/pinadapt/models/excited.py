@@ -20,7 +20,7 @@ from .dynamics import Dynamics
 from .physical_fit import LEAST, around
 from .regressor import LABELS
 
-TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
+IDENTIFIABLE = 0.01  # share of the torques from which a combination is identifiable in practice
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class TorqueErrors:
     def _levels(self) -> np.ndarray:
         """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
         levels = np.sqrt(np.mean(self.tau**2, axis=0))
-        return np.maximum(levels, max(TOLD_APART * levels.max(initial=0.0), 1e-12))
+        return np.maximum(levels, max(IDENTIFIABLE * levels.max(initial=0.0), 1e-12))
 
 
 def _rms(values: np.ndarray) -> float:
@@ -93,11 +93,11 @@ class Excited:
         values, vectors = np.linalg.eigh(root.T @ squares @ root)
         self.effects = np.sqrt(np.maximum(values[::-1], 0.0))
         self._vectors = vectors = vectors[:, ::-1]
-        self.rank = rank = int(np.count_nonzero(self.effects > TOLD_APART))
+        self.rank = rank = int(np.count_nonzero(self.effects > IDENTIFIABLE))
         every = np.linalg.solve(root.T, vectors).T
         self.combinations, self.rows = every[:rank], self.effects[:, None] * every
         variances, rest = np.sum(root**2, axis=1), root @ vectors[:, rank:]
-        self.still = variances * np.diag(squares) < TOLD_APART**2
+        self.still = variances * np.diag(squares) < IDENTIFIABLE**2
         self.alone = np.sum(rest**2, axis=1) < 0.25 * variances
 
     def distance(self, a: np.ndarray, truth: np.ndarray) -> float:

@@ -122,25 +122,26 @@ class TrackerKinematics(ProjectedKinematics):
         for _ in range(20):
             G = self.slopes(tracker)
             off = np.append(np.zeros(6), tracker.a - self.nominal)
-            told = G.T @ H @ G + np.diag(known)
+            information = G.T @ H @ G + np.diag(known)
             slope = G.T @ (score - H @ self.parameters(tracker)) - known * off
-            step = np.linalg.solve(told + self._vague, slope)
+            step = np.linalg.solve(information + self._vague, slope)
             place = tracker.placement
             moved = pin.SE3(pin.exp3(step[:3]) @ place.rotation, place.translation + step[3:6])
             tracker = Tracker(moved, tracker.a + step[6:])
             if np.abs(step).max() < 1e-10:
                 break
-        return tracker, told
+        return tracker, information
 
-    def covariance(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
-        """Return the covariance (p, p) of the parameters, of a tracker with (6 + k, 6 + k) told.
+    def covariance(self, tracker: Tracker, information: np.ndarray) -> np.ndarray:
+        """Return the covariance (p, p) of the parameters.
 
-        What is not told is known to a radian and to the reach.
+        The information (6 + k, 6 + k) is that of frames on the tracker; what they do not show is
+        known to a radian and to the reach.
         """
         G = self.slopes(tracker)
-        return G @ np.linalg.inv(told + self._vague) @ G.T
+        return G @ np.linalg.inv(information + self._vague) @ G.T
 
-    def information(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
+    def information(self, tracker: Tracker, information: np.ndarray) -> np.ndarray:
         """Return what a tracker with the information (6 + k, 6 + k) says of the parameters (p, p).
 
         All but the position at home are known no better than to a hundredth of their sizes: so much
@@ -148,7 +149,7 @@ class TrackerKinematics(ProjectedKinematics):
         """
         inexact = (_INEXACT * self.sizes.reshape(self._shape)) ** 2
         inexact[:, -1] = 0.0
-        found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
+        found = np.linalg.inv(self.covariance(tracker, information) + np.diag(inexact.ravel()))
         return 0.5 * (found + found.T)
 
     def _described(self, robot: Robot) -> np.ndarray:

@@ -205,7 +205,7 @@ class RealtimeLoop:
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
-        self._adapting, self._calm = self.stage is Stage.ADAPT, math.inf
+        self._adapting, self._settled_for = self.stage is Stage.ADAPT, math.inf
         self._frame: dict[str, Any] = {}  # x and x_time, of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
@@ -426,7 +426,7 @@ class RealtimeLoop:
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
         controller, logging = self._controller, self.stage is Stage.LOG
-        adapting = self._adapting and self._calm > _SETTLED and self._phase is Phase.RUNNING
+        adapting = self._adapting and self._settled_for > _SETTLED and self._phase is Phase.RUNNING
         state = self._state.adapt(adapting).gave(self._given)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
@@ -447,11 +447,11 @@ class RealtimeLoop:
         finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
         if finding is not None and finding.phase is Phase.RUNNING:
-            if self._calm > _SETTLED:
+            if self._settled_for > _SETTLED:
                 self._note(f"the adaptation rests: {finding}")
-            self._calm = 0.0
+            self._settled_for = 0.0
         else:
-            self._calm += self._period
+            self._settled_for += self._period
         if not logging:
             self._respond(finding)
         return torque

@@ -26,7 +26,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
-from ..reference import Wiggle, starting_from
+from ..reference import SmallExcitation, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation
@@ -104,8 +104,8 @@ def simulate(
             Pinocchio's.
         start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, with ``information``
             and ``information_k`` as of ``Controller.init``; or what was learned before. By default
-            those of the controller's model; an unknown tracker is found by a ``Wiggle`` of the
-            joints before the run begins, from the same home. ``start={}`` omits that; the
+            those of the controller's model; an unknown tracker is found by a ``SmallExcitation``
+            of the joints before the run begins, from the same home. ``start={}`` omits that; the
             controller then finds it by millimetres of motion before the path begins, see
             ``controller.SlowStart``.
         seed: of the noise and of lost frames.
@@ -155,7 +155,7 @@ def simulate(
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
     if named and not controller.kinematics.calibrated:
-        found = wiggled(plant, controller, dt, simulated)
+        found = after_excitation(plant, controller, dt, simulated)
         start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, start)
     estimated = controller.kinematics.seen(state.a_k)
@@ -208,13 +208,13 @@ def simulate(
     return rollout
 
 
-def wiggled(
+def after_excitation(
     plant: Plant,
     controller: Controller,
     dt: float,
     sensors: SimulatedSensors | None = None,
 ) -> dict[str, np.ndarray]:
-    """Return the estimates to start from that a ``Wiggle`` of all joints of a plant shows.
+    """Return the estimates to start from that a ``SmallExcitation`` of all joints of a plant shows.
 
     A controller of the joints moves it, with the default unknowns and limits. ``a_k`` (p_k) is what
     explains the frames, ``information_k`` (p_k, p_k) their information on it. ``a_d`` (p_d) is the
@@ -239,7 +239,7 @@ def wiggled(
         sensors=Sensors(encoder=seen.encoder, noise=noise),
         limits=Limits(torque=controller.limits.torque),
     )
-    motion = Wiggle(robot)
+    motion = SmallExcitation(robot)
     late = 0.0 if seen.camera is None else seen.camera.delay
     samples = list(run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors))
     plant.reset()

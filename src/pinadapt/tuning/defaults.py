@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..adaptation.adaptation import Adaptation, Estimate
 from ..adaptation.natural import BodyInequality
-from ..models.bodies import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
+from ..models.bodies import UNCERTAINTY, from_pseudo_inertia, nearest_physical, pseudo_inertia
 from ..models.dynamics import Dynamics
 from ..models.translations import placed_values
 from ..models.typical_motion import TypicalMotion
@@ -94,7 +94,7 @@ def prior_variances(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
         return None if covariance is None else np.diag(covariance)
     robot, bodies = dynamics.bare(robot), dynamics.inertial.bodies
     S = _roots(robot, bodies)
-    a = ten_parameters(S @ S.swapaxes(-1, -2)).ravel()
+    a = from_pseudo_inertia(S @ S.swapaxes(-1, -2)).ravel()
     cone = BodyInequality([robot.joint_names[body] for body in bodies])
     inverse = cone.metric_inverse_times(a, np.eye(a.size), np.ones(len(bodies)))
     return _OWN * np.diag(inverse) + _COMMON * a**2
@@ -116,7 +116,7 @@ def plausible(robot: Robot, dynamics: Dynamics, count: int) -> tuple[np.ndarray,
     w, U = np.linalg.eigh(0.5 * INERTIA * (G + G.swapaxes(-1, -2)))
     A = S @ U
     P = (A * np.exp(w)[..., None, :]) @ A.swapaxes(-1, -2)
-    return ten_parameters(P), theta + LENGTH * size * drawn[:, S.size :]
+    return from_pseudo_inertia(P), theta + LENGTH * size * drawn[:, S.size :]
 
 
 def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Files that are damaged in a thousand ways: read, or refused with a typed error that names them.
 
 Further tests of files: wrong numbers and words in scenarios,
-``tests/house/test_hostile_input.py``; a process killed while it writes,
+``tests/project/test_hostile_input.py``; a process killed while it writes,
 ``tests/cli/test_interrupted.py`` and ``test_output_files.py``. The network:
 ``tests/view/test_live.py`` and ``tests/realtime/test_recorder.py``.
 """
