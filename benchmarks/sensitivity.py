@@ -17,7 +17,7 @@ from pinadapt.tuning import rates
 
 from .realities import measure
 from .shared import markdown, spread
-from .strangers import unlike
+from .third_party_robots import unlike
 
 ARMS = "panda", "z1", "ur10", "kinova"
 REALITIES = "perfect", "17 bit declared", "motors 10 ms late", "dry friction", "warming up", "push"

@@ -1,6 +1,6 @@
 """The benchmark on third-party robots: its names, its refusals and what it counts."""
 
-from benchmarks import strangers
+from benchmarks import third_party_robots
 
 
 def row(robot, status="done", error=None, **more):
@@ -16,9 +16,9 @@ def test_diverged_and_refused_robots_are_counted_each_by_itself():
         row("p/d.urdf", "refused", reason="no mass"),
         row("p/e.urdf", "refused", reason="no joints"),
     ]
-    assert strangers.counts(rows).splitlines()[2] == (
+    assert third_party_robots.counts(rows).splitlines()[2] == (
         "| camera | 5 | 2 | 1 | 2 | 0.02 % | 0.03 % (`b.urdf`) |"
     )
-    lines = strangers.report(rows).splitlines()
+    lines = third_party_robots.report(rows).splitlines()
     assert lines[2] == "| `p/a.urdf` | 0.01 mm, 0.01 % |"
     assert lines[4:6] == ["| `p/c.urdf` | diverged |", "| `p/d.urdf` | refused |"]

