@@ -249,6 +249,14 @@ def joint_numbers(
     return np.broadcast_to(array, size).copy()
 
 
+def kept_numbers(
+    value: ArrayLike, name: str, *, zero: bool = True, infinite: bool = False
+) -> float | tuple[float, ...]:
+    """Return ``joint_numbers`` as a number or a tuple, which records that do not change keep."""
+    array = joint_numbers(value, name, zero=zero, infinite=infinite)
+    return tuple(array.tolist()) if array.ndim else float(array)
+
+
 def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     """Return a scalar, list or matrix as a symmetric positive definite matrix (size, size).
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, joint_numbers, mapping, positive, vector, word
+from ._checks import flag, instance, kept_numbers, mapping, positive, vector, word
 from .exceptions import InputError
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -198,9 +198,6 @@ class Imu:
             object.__setattr__(self, name, positive(given, f"imu.{name}", zero=True))
 
 
-Deviation: TypeAlias = float | tuple[float, ...]
-
-
 @dataclass(frozen=True)
 class Sensors:
     """The sensors of a robot; perfect by default.
@@ -251,13 +248,13 @@ class Sensors:
         noise = {}
         for name, deviation in mapping(self.noise, "sensors.noise").items():
             where = f"sensors.noise.{word(name, CHANNELS, 'sensors.noise')}"
-            checked = _deviation(deviation, where)
+            checked = kept_numbers(deviation, where)
             noise[name] = checked if name == "tau" else positive(checked, where, zero=True)
         object.__setattr__(self, "noise", noise)
-        object.__setattr__(self, "encoder", _deviation(self.encoder, "sensors.encoder"))
+        object.__setattr__(self, "encoder", kept_numbers(self.encoder, "sensors.encoder"))
         if self.torque_offset is None:
             return
-        offset = _deviation(self.torque_offset, "sensors.torque_offset")
+        offset = kept_numbers(self.torque_offset, "sensors.torque_offset")
         object.__setattr__(self, "torque_offset", offset)
         if "tau" not in noise:
             raise InputError(
@@ -301,12 +298,6 @@ class Sensors:
     def deviation(self, channel: str) -> float:
         """Return the standard deviation of a channel that has one number: all but ``tau``."""
         return float(self.noise.get(channel, 0.0))  # type: ignore[arg-type]
-
-
-def _deviation(value: ArrayLike, where: str) -> Deviation:
-    """Return a number that is not negative, or a tuple of them."""
-    array = joint_numbers(value, where)
-    return tuple(array.tolist()) if array.ndim else float(array)
 
 
 @dataclass(frozen=True)

@@ -78,18 +78,17 @@ class JointMotion:
             efforts: (n) limits [N m or N].
             accelerations: one limit or (n) [rad/s^2 or m/s^2].
         """
-        valid, needed = self.off <= 1.0, np.zeros_like(self.v)
-        for sign in (1.0, -1.0):
-            room = np.maximum(efforts - sign * self.still, _RESERVE * efforts)
-            half, c = 0.5 * sign * self.drag / room, sign * self.curve / room
-            square = half**2 + c
-            root = half + np.sqrt(np.maximum(square, 0.0))
-            needed = np.maximum(needed, np.where(square > 0.0, root, 0.0))
+        sign = np.array([1.0, -1.0])[:, None, None]
+        room = np.maximum(efforts - sign * self.still, _RESERVE * efforts)
+        half, c = 0.5 * sign * self.drag / room, sign * self.curve / room
+        square = half**2 + c
+        root = half + np.sqrt(np.maximum(square, 0.0))
         found = {
             "speed": np.abs(self.v) / speeds,
             "acceleration": np.sqrt(np.abs(self.a) / accelerations),
-            "effort": needed,
+            "effort": np.where(square > 0.0, root, 0.0).max(axis=0),
         }
+        valid = self.off <= 1.0
         return {kind: p[valid].max(axis=0, initial=0.0) for kind, p in found.items()}
 
 
@@ -121,7 +120,7 @@ def joint_motion(
         raise InputError(
             "how fast a robot with constraints can move is not computed.", where="motion"
         )
-    model, data, n = robot.model, robot.model.createData(), robot.model.nv
+    model, data = robot.model, robot.model.createData()
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask | FramesTask):
         h = float(s[1] - s[0])
@@ -134,11 +133,9 @@ def joint_motion(
         angles, v, a = (np.array(rows) for rows in zip(*asked, strict=True))
         poses = np.array([configuration_from_angles(model, each) for each in angles])
         off = np.zeros(len(s))
-    rest = np.zeros(n)
-    g, torque = np.empty((2, len(s), n))
-    for k, pose in enumerate(poses):
-        g[k] = pin.rnea(model, data, pose, rest, rest)
-        torque[k] = pin.rnea(model, data, pose, v[k], a[k])
+    rest = np.zeros(model.nv)
+    g = np.array([pin.rnea(model, data, pose, rest, rest) for pose in poses])
+    torque = np.array([pin.rnea(model, data, *each) for each in zip(poses, v, a, strict=True)])
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
     still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
@@ -329,8 +326,8 @@ class SmallExcitation(Trajectory):
         home, size = robot.home_angles, 0.05 * robot.reach
         J = pin.computeFrameJacobian(
             model, model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
-        )[:3].reshape(3, n)
-        wanted = size / np.maximum(np.linalg.norm(J, axis=0), size / 0.15)
+        )
+        wanted = size / np.maximum(np.linalg.norm(J[:3], axis=0), size / 0.15)
         low, high = position_limits(model)
         room = np.maximum(np.minimum(home - low, high - home), 0.0)
         fast = 0.5 * velocity_limits(model) * self.duration / (math.pi * (2.0 + np.arange(n)))

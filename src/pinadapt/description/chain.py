@@ -107,8 +107,7 @@ def axis_of(model: pin.Model, joint: int) -> np.ndarray:
     part = model.joints[joint]
     scratch = part.createData()
     part.calc(scratch, pin.neutral(model))
-    S = np.asarray(scratch.S).reshape(6)
-    return S[:3] if is_slide(part) else S[3:]
+    return np.reshape(scratch.S, (2, 3)).sum(axis=0)  # the linear or the angular part is zero
 
 
 # Reducing a model to the chain

@@ -149,8 +149,8 @@ class Urdf:
         found = {}
         for joint in self.root.findall("joint[mimic]"):
             stated = child(joint, "mimic")
-            ratio, offset = float(stated.get("multiplier", "1")), float(stated.get("offset", "0"))
-            found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
+            numbers = float(stated.get("multiplier", "1")), float(stated.get("offset", "0"))
+            found[joint.get("name", "")] = stated.get("joint", ""), *numbers
         return found
 
     def joint_effect(self, attribute: str, joints: Collection[str]) -> dict[str, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -198,12 +197,11 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-        sides = [np.unique([-half, half]) for half in contact.sole or (0.0, 0.0)]
-        for corner in product(*sides):
+        for corner in contact.corners:
             spec.bodies[frame.parentJoint].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,
                 size=[_TOE, 0.0, 0.0],
-                pos=frame.placement.act(np.array([*corner, 0.0])),
+                pos=frame.placement.act(corner),
                 mass=0.0,
                 friction=[contact.friction, 0.0, 0.0],
             )

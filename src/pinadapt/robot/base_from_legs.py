@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from .._checks import vector
 from ..exceptions import RobotError
+from .constraints import Constraints
 from .robot import Robot
 
 # [m] above the lowest foot: in the air. Half and twice: an A1 with 14 bits and an IMU that is off
@@ -36,15 +37,10 @@ class BaseFromLegs:
         contacts = robot.contacts
         if len(contacts) < 3 or any(contact.sole is not None for contact in contacts):
             raise RobotError("legs tell where a base is by three point feet.", where="contacts")
-        self._model, self._data = robot.model, robot.model.createData()
-        self._frames = [robot.model.getFrameId(contact.frame) for contact in contacts]
+        self._contacts = Constraints(robot.model, contacts)
         self._stood = np.ones(len(contacts), dtype=bool)
-        pin.framesForwardKinematics(self._model, self._data, robot.q0)
-        self.footholds = self._feet()
-
-    def _feet(self) -> np.ndarray:
-        """Return where the feet are (c, 3), of the last kinematics."""
-        return np.array([self._data.oMf[frame].translation for frame in self._frames])
+        self._contacts.jacobian(robot.q0)
+        self.footholds = self._contacts.feet
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray
@@ -60,10 +56,7 @@ class BaseFromLegs:
         q, v = q.copy(), v.copy()
         q[:4], q[4:6] = 0.0, vector(tilt, 2, "tilt")
         v[:4], v[4:6] = 0.0, vector(rates, 2, "rates")
-        model, data = self._model, self._data
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        feet = self._feet()
+        A, feet = self._contacts.jacobian(q), self._contacts.feet
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED
         both = stands & self._stood
         # the angle that turns the feet x + iy onto the footholds, about their middles
@@ -75,9 +68,7 @@ class BaseFromLegs:
         landed = stands & ~self._stood
         self.footholds[landed, :2] = (turned + q[:3])[landed, :2]  # on level ground
         self._stood = stands
-        standing = np.array(self._frames)[stands].tolist()
-        axes = pin.LOCAL_WORLD_ALIGNED
-        A = np.vstack([pin.getFrameJacobian(model, data, each, axes)[:3] for each in standing])
+        A = A[self._contacts.holding(stands)]
         v[:4] = np.linalg.lstsq(A[:, :4], -A @ v, rcond=None)[0]
         v[:3] = R @ v[:3]
         return q, v

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress, product
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -58,6 +59,12 @@ class Contact:
     def size(self) -> int:
         """Three rows of a point, six of a sole."""
         return 3 if self.sole is None else 6
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The corners of the sole (4, 3) in the axes of the frame [m], or the point (1, 3)."""
+        sides = [np.unique([-half, half]) for half in self.sole or (0.0, 0.0)]
+        return np.array([*product(*sides, [0.0])])
 
     def places(self, model: pin.Model) -> list[int]:
         """Return the index of the frame."""
@@ -251,26 +258,23 @@ def independent(
     differs most from what those taken imply, until what is left is below 1e-4 of the largest row.
     At a singular q that leaves out too much.
     """
-    if not any(isinstance(part, Loop) for part in parts):
+    loops, sizes = ([isinstance(p, Loop) for p in parts], [p.size for p in parts])
+    if not any(loops):
         return tuple(parts)
     from scipy.linalg import qr  # here, because few robots have loops
 
     A, _ = Constraints(model, parts).at(q, np.zeros(model.nv))
-    loops = [isinstance(part, Loop) for part in parts]
-    others = A[~np.repeat(loops, [part.size for part in parts])]
+    others = A[~np.repeat(loops, sizes)]
     rest = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others
     R, order = qr(rest.T, mode="r", pivoting=True)
     least = DEPENDENT * np.linalg.norm(A, axis=1).max()
-    taken = order[: len(R)][np.abs(np.diag(R)) > least]
+    taken = np.isin(np.arange(len(A)), order[: len(R)][np.abs(np.diag(R)) > least])
     kept = list[Constraint]()
-    first = 0
-    for part in parts:
-        rows = [row for row in range(part.size) if first + row in taken]
-        first += part.size
+    for part, own in zip(parts, np.split(taken, np.cumsum(sizes)[:-1]), strict=True):
         if not isinstance(part, Loop):
             kept.append(part)
-        elif rows:
-            kept.append(replace(part, rows=tuple(part.rows[row] for row in rows)))
+        elif own.any():
+            kept.append(replace(part, rows=tuple(compress(part.rows, own))))
     return tuple(kept)
 
 
@@ -384,7 +388,7 @@ class Constraints:
         """
         A, _ = self._last[1]
         both = np.zeros((2, len(A)))
-        x = self._x()
+        x = self.feet
         own = slice(len(A) - 3 * len(self._feet), None)
         u = feet.xd_d - alpha * (x - feet.x_d)
         ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
@@ -392,9 +396,15 @@ class Constraints:
         rows, rate = both
         return rows, rate
 
-    def _x(self) -> np.ndarray:
-        """Return where the contacts are (c, 3), of the last ``at``."""
-        return np.array([self.data.oMf[foot].translation for foot in self._feet]).reshape(-1, 3)
+    @property
+    def placements(self) -> list[pin.SE3]:
+        """The placements of the contacts in the world, of the last ``at``."""
+        return [self.data.oMf[foot] for foot in self._feet]
+
+    @property
+    def feet(self) -> np.ndarray:
+        """Where the contacts are (c, 3) [m], of the last ``at``."""
+        return np.array([place.translation for place in self.placements]).reshape(-1, 3)
 
     def footing(
         self, before: np.ndarray, stands: np.ndarray | None, dt: float
@@ -409,7 +419,7 @@ class Constraints:
             stands: (c) which contacts stand; None: all.
             dt: time since then [s].
         """
-        x = self._x()
+        x = self.feet
         old = np.where(np.isnan(before), x, before) if len(before) else x
         if stands is not None:
             old = np.where(stands[:, None], old, np.nan)

@@ -192,7 +192,8 @@ def load(
         constraints=closed + feet,
         passive=idle if whole else (),
     )
-    robot = make(named if whole else known) if whole or known else _first_able(make, found, ends)
+    choices = [named] if whole else [known] if known else [[end] for end in ends]
+    robot = _first_able(make, found, choices)
     if gravity is not None:
         robot.model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     if flag(joint_effects, "joint_effects"):
@@ -201,17 +202,17 @@ def load(
 
 
 def _first_able(
-    make: Callable[[list[str]], Robot], found: Description, ends: Sequence[str]
+    make: Callable[[list[str]], Robot], found: Description, choices: Sequence[list[str]]
 ) -> Robot:
-    """Return the robot of the first end whose chain is able to do the task.
+    """Return the robot of the first choice of frames whose chains are able to do the task.
 
     Raises:
-        RobotError: no chain is able, then the error of the first; no end; or any other error.
+        RobotError: no chain is able, then the error of the first; no choice; or any other error.
     """
     refused = None
-    for frame in ends:
+    for frames in choices:
         try:
-            return make([frame])
+            return make(frames)
         except RobotError as error:
             if error.where != "task":
                 raise
@@ -282,9 +283,8 @@ def _load_chain(
     plane = MountingPlane()
     if not (floating or found.frame or whole or len(frames) > 1):
         plane = MountingPlane.of(model, tips[0], shown)
-    if whole:
-        follow = [joint for joint in found.mimics if model.existJointName(joint)]
-        constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
+    follow = [joint for joint in found.mimics if model.existJointName(joint)]
+    constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
     if free:
         chosen = _task_named(task or "pose", model)
         home = np.concatenate([np.zeros(6), shown])

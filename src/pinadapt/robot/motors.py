@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import joint_numbers, vector, word
+from .._checks import joint_numbers, kept_numbers, vector, word
 from ..description.chain import effort_limits
 from ..exceptions import GainError, InputError
 from .robot import Robot
@@ -73,11 +73,8 @@ class Actuators:
     def __post_init__(self) -> None:
         """Check the actuators, and keep numbers or tuples of them."""
         for name in JointActuators._fields:
-            zero = name in ("delay", "damping")
-            array = joint_numbers(
-                getattr(self, name), f"actuators.{name}", zero=zero, infinite=not zero
-            )
-            kept = tuple(array.tolist()) if array.ndim else float(array)
+            given, zero = getattr(self, name), name in ("delay", "damping")
+            kept = kept_numbers(given, f"actuators.{name}", zero=zero, infinite=not zero)
             object.__setattr__(self, name, kept)
         if self.elastic and np.isinf(self.stiffness).any():
             raise InputError(
@@ -136,14 +133,14 @@ class CommandsUnderway(NamedTuple):
 
     Attributes:
         t: time since the first command [s].
-        coming: commands that have not arrived, in their order: when they do [s], the number of the
-            delay, and the command (n).
+        coming: commands that have not arrived, in their order: when they do [s], at which joints
+            (n), and the command (n).
         arrived: (n) what has, [N m or N].
         applied: (n) output of the low pass [N m or N].
     """
 
     t: float
-    coming: tuple[tuple[float, int, np.ndarray], ...]
+    coming: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     arrived: np.ndarray
     applied: np.ndarray
 
@@ -157,8 +154,8 @@ class LateTorque:
 
     def __init__(self, joints: JointActuators) -> None:
         """Take the delays and bandwidths of n joints."""
-        self._delays = np.unique(joints.delay)
-        self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
+        delays = np.unique(joints.delay).tolist()
+        self._delayed = [(delay, joints.delay == delay) for delay in delays]
         self._bandwidth = joints.bandwidth
         self._smooth = bool(np.isfinite(joints.bandwidth).any())
 
@@ -181,13 +178,13 @@ class LateTorque:
             before = CommandsUnderway(0.0, (), command, command)
         t, arrived, applied = before.t, before.arrived.copy(), before.applied
         least, pieces = 1e-6 * dt, []  # rounding
-        sent = [(t + delay, k, command) for k, delay in enumerate(self._delays.tolist())]
+        sent = [(t + delay, joints, command) for delay, joints in self._delayed]
         coming = sorted([*before.coming, *sent], key=lambda each: each[0])
         end = t + dt
         while t < end - least:
             while coming and coming[0][0] <= t + least:
-                _, k, arriving = coming.pop(0)
-                arrived[self._joints[k]] = arriving[self._joints[k]]
+                _, joints, arriving = coming.pop(0)
+                arrived[joints] = arriving[joints]
             stop = min(end, coming[0][0]) if coming else end
             stop = end if stop > end - least else stop
             if self._smooth:
@@ -238,7 +235,7 @@ def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") 
         limits: (nv) torque limits of the motors [N m or N].
         words: which robot it is.
     """
-    weight = np.abs(pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0))
+    weight = np.abs(Gravity(robot)(robot.q0))
     short = [
         f"{name} ({tau:.3g} of {limit:.3g} {'N' if slide else 'N m'})"
         for (name, slide), tau, limit in zip(robot.slides.items(), weight, limits, strict=True)

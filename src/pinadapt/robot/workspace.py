@@ -23,7 +23,7 @@ from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.stacked import Stacked
-from .constraints import Contact
+from .constraints import Constraints
 from .home import MARGIN
 from .robot import Robot
 
@@ -148,11 +148,10 @@ def find_circle(robot: Robot) -> Circle:
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
         for first, path in sorted(followed, key=lambda found: -found[0][0]):
-            more = takewhile(bool, (_follow(robot, other, path) for other in others))
-            runs: list[Any] = [first, *more]
-            if len(runs) > len(others):
-                slowest = max(float(run[1].max()) for run in runs)
-                period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), slowest)) / 10.0
+            more: Any = takewhile(bool, (_follow(robot, other, path) for other in others))
+            periods = [period for _, period in (first, *more)]
+            if len(periods) > len(others):
+                period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), *periods)) / 10.0
                 return Circle(path.center, path.radius, period, path.plane, path.phase)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
@@ -208,7 +207,7 @@ def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     return bool((np.abs(torques) <= efforts).all())
 
 
-def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray] | None:
+def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | None:
     """Follow a circle by damped least squares, up to a limit or a singularity.
 
     Args:
@@ -217,9 +216,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         path: the circle.
 
     Returns:
-        The smallest singular value, relative to that of ``robot`` at home; the periods (nv) [s] at
-        which the joints are as fast as they may be. None if the circle comes too close to a limit
-        or a singularity.
+        The smallest singular value, relative to that of ``robot`` at home; the least period [s] at
+        which no joint is faster than it may be. None if the circle comes too close to a limit or a
+        singularity.
     """
     model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
     assert isinstance(task, FrameTask | FramesTask)
@@ -238,19 +237,19 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         return np.vstack([J, constraints.at(q, still)[0]]) if robot.constraints else J
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
-    at = [path.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
+    ways = path.positions(np.arange(_STEPS + 2) / _STEPS) - path.at(0.0).x_d
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
-    for position in at[1:]:
+    for way in ways[1:]:
         angles = angles_from_configuration(model, q)
         J = jacobian(tool, q)
         U, singular, V = np.linalg.svd(J, full_matrices=False)
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
-        if robot.contacts and not _balanced(tool, data, q):
+        if robot.contacts and not _balanced(tool, constraints, q):
             return None
-        offset = np.append(np.tile(position - at[0], count), np.zeros(task.size - m))
+        offset = np.append(np.tile(way, count), np.zeros(task.size - m))
         x = task.at(model, data, tool.frame_id, q)
         to_go = np.zeros(len(J))  # constraints hold
         to_go[: task.size] = arms * task.error(task.moved(start, offset), x)
@@ -264,31 +263,22 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, SHARE * velocity_limits(model))
-    return least, fastest * _STEPS / speeds
+    return least, float((fastest * _STEPS / speeds).max())
 
 
-def _balanced(robot: Robot, data: pin.Data, q: np.ndarray) -> bool:
+def _balanced(robot: Robot, constraints: Constraints, q: np.ndarray) -> bool:
     """Return whether the centre of mass is well above the feet at a configuration (nq).
 
-    ``data`` is scratch.
+    That is the configuration at which the constraints were last looked at.
     """
     from scipy.optimize import nnls  # here, because few robots stand
 
-    model = robot.model
-    pin.framesForwardKinematics(model, data, q)
-    places = [data.oMf[model.getFrameId(part.frame)] for part in robot.contacts]
-    points = np.vstack([_edges(*each) for each in zip(robot.contacts, places, strict=True)])
-    middle = points.mean(axis=0)
-    at = middle + (pin.centerOfMass(model, data, q)[:2] - middle) / _BALANCE
+    placed = zip(robot.contacts, constraints.placements, strict=True)
+    points = np.array([place.act(each)[:2] for part, place in placed for each in part.corners])
+    middle, mass = points.mean(axis=0), pin.centerOfMass(robot.model, robot.model.createData(), q)
+    at = middle + (mass[:2] - middle) / _BALANCE
     _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))
     return bool(off < 1e-9)  # a convex combination, but for rounding
-
-
-def _edges(contact: Contact, place: pin.SE3) -> np.ndarray:
-    """Return the corners (4, 2) [m] of the sole of a contact in a place; of a point its place."""
-    length, width = contact.sole or (0.0, 0.0)
-    signs = product((-1.0, 1.0), repeat=2)
-    return np.array([place.act(np.array([a * length, b * width, 0.0]))[:2] for a, b in signs])
 
 
 def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

@@ -75,15 +75,17 @@ class Crawl(Trajectory):
             raise InputError("a crawl is for four point feet.", where="robot.contacts")
         if robot.task.coordinates != 7:
             raise InputError("a crawl needs the pose of the trunk as task.", where="robot.task")
-        model, data, planned = robot.model, robot.model.createData(), copy(self)
-        pin.framesForwardKinematics(model, data, robot.q0)
-        feet = np.array([data.oMf[model.getFrameId(part.frame)].translation for part in contacts])
+        planned, constraints, model = copy(self), robot.constrained, robot.model
+        constraints.jacobian(robot.q0)
+        feet = constraints.feet
         planned._start = start = robot.position(robot.q0)
-        offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
+        com = pin.centerOfMass(model, model.createData(), robot.q0)
+        offset, order = com[:2] - start[:2], _order(feet[:, :2])
         planned._order = [order[i % 4] for i in range(self.steps)]
         ends = [np.append(start[:3], feet)]  # trunk and feet (15) at the ends of all parts
-        middle = feet.mean(axis=0)
-        for foot in planned._order:
+        middle, rise = feet.mean(axis=0), np.zeros((2 * self.steps + 1, 15))
+        for k, foot in enumerate(planned._order):
+            rise[2 * k + 1, 5 + 3 * foot] = self.height
             above = np.append(_inside(np.delete(feet[:, :2], foot, axis=0)) - offset, start[2])
             ends.append(np.append(above, feet))
             feet[foot, 0] += self.length
@@ -91,9 +93,7 @@ class Crawl(Trajectory):
         ends.append(np.append(start[:3] + feet.mean(axis=0) - middle, feet))
         x = np.array(ends)
         T = np.append(np.tile([self.shift, self.swing], self.steps), self.shift)
-        t, rise = np.append(0.0, np.cumsum(T)), np.zeros((len(T), 15))
-        for k, foot in enumerate(planned._order):
-            rise[2 * k + 1, 5 + 3 * foot] = self.height
+        t = np.append(0.0, np.cumsum(T))
         planned._plan = Piecewise(t, x, moves(x, t, rise))
         return planned
 
@@ -146,6 +146,5 @@ def _inside(triangle: np.ndarray) -> np.ndarray:
     """
     edges = [np.linalg.norm(triangle[i - 1] - triangle[i - 2]) for i in range(3)]
     incentre = np.average(triangle, axis=0, weights=edges)
-    opposite = int(np.argmax(edges))
-    middle = 0.5 * (triangle[opposite - 1] + triangle[opposite - 2])
+    middle = np.delete(triangle, np.argmax(edges), axis=0).mean(axis=0)
     return middle + _MARGIN * (incentre - middle)

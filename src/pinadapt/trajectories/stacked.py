@@ -35,14 +35,15 @@ class Stacked(Trajectory):
             InputError: less than two, or motions of different numbers of coordinates.
         """
         self.motions = tuple(as_trajectory(motion) for motion in motions)
-        sizes = {(len(start.x_d), len(start.xd_d)) for start in self._at(0.0)}
-        if len(self.motions) < 2 or len(sizes) > 1:
+        starts = [motion.at(0.0) for motion in self.motions]
+        sizes = [(start.x_d.size, start.xd_d.size) for start in starts]
+        if len(sizes) < 2 or len(set(sizes)) > 1:
             raise InputError(
                 "expected two or more motions of equally many coordinates, got "
-                f"{[len(start.x_d) for start in self._at(0.0)]} coordinates.",
+                f"{[coordinates for coordinates, _ in sizes]} coordinates.",
                 where="motions",
             )
-        ((coordinates, rows),) = sizes
+        coordinates, rows = sizes[0]
         self._positions = rows if rows == coordinates else rows - 3
         extents: list[Any] = [motion.extent for motion in self.motions]
         times: list[Any] = [motion.settles for motion in self.motions]
@@ -51,12 +52,10 @@ class Stacked(Trajectory):
         if None not in times:
             self.settles = max(times)
 
-    def _at(self, t: float) -> list[Desired]:
-        return [motion.at(t) for motion in self.motions]
-
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration of all frames at time t [s]."""
-        return Desired(*(joined(each, self._positions) for each in zip(*self._at(t), strict=True)))
+        each = zip(*(motion.at(t) for motion in self.motions), strict=True)
+        return Desired(*(joined(parts, self._positions) for parts in each))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motions, those without a place of their own placed where their frame is.

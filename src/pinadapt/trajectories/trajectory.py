@@ -152,8 +152,6 @@ class _Shifted(Derived):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         x_d, *rates = self.motion.at(t)
-        if x_d.size == rates[0].size:
-            return Desired(x_d + self._by, *rates)
         n = _vector_rows(x_d, rates[0])
         turns = self._by[n:].reshape(-1, 3)
         x = [x_d[:n] + self._by[:n], *map(turned, x_d[n:].reshape(-1, 4), turns)]
