@@ -203,13 +203,14 @@ def vector(
     names: Sequence[str] | None = None,
     error: type[InputError] = InputError,
     fills: bool = True,
+    infinite: bool = False,
 ) -> np.ndarray:
-    """Return ``value`` as a new finite vector (size), None: of any size; a number ``fills`` it.
+    """Return ``value`` as a new vector (size), None: of any size; a number ``fills`` it.
 
     Raises:
-        error: wrong size, not numbers, non-finite entries, or too large ones.
+        error: wrong size, or as ``numbers``.
     """
-    array = numbers(value, name, error=error)
+    array = numbers(value, name, error=error, infinite=infinite)
     if array.ndim == 0 and fills:
         array = np.full(1 if size is None else size, float(array))
     if array.ndim != 1 or size not in (None, array.size):
@@ -235,18 +236,17 @@ def joint_numbers(
     Raises:
         error: not numbers, another size, negative ones, or zero where that is not allowed.
     """
-    array = numbers(value, name, error=error, infinite=infinite)
+    if size is None:
+        array = numbers(value, name, error=error, infinite=infinite)
+    else:
+        array = vector(value, size, name, error=error, infinite=infinite)
     if array.ndim > 1 or (array < 0.0).any() or not (zero or array.all()):
         raise error(
             f"must {'not be negative' if zero else 'be positive'}, one number or one per joint, "
             f"got {array.tolist()}.",
             where=name,
         )
-    if size is None:
-        return array
-    if array.shape not in ((), (size,)):
-        raise error(f"expected a number or {size} numbers, got {array.tolist()}.", where=name)
-    return np.broadcast_to(array, size).copy()
+    return array
 
 
 def kept_numbers(

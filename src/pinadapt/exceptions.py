@@ -30,7 +30,7 @@ class PinadaptError(Exception):
         self, what: str, *, where: str | Path | None = None, hint: str | None = None
     ) -> None:
         """Put what, where and hint into one message."""
-        self.what, self.where, self.hint = what, where and str(where), hint
+        self.what, self.where, self.hint = what, str(where) if where else None, hint
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} {hint}" if hint else message)
 

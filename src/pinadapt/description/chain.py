@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
 
@@ -19,7 +18,7 @@ Closures: TypeAlias = Sequence[tuple[str, str, int]]
 Bounds: TypeAlias = np.ndarray
 """Lower and upper limits (2, nv) [rad or m]."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
-_LINK_MARK = "(link) "  # of links that share their name with a joint
+_LINK_MARK = "(link) "  # of links, where none may share its name with a joint
 
 
 # Frames, links and joints
@@ -115,9 +114,9 @@ def axis_of(model: pin.Model, joint: int) -> np.ndarray:
 
 def with_unique_names(model: pin.Model) -> pin.Model:
     """Return a copy whose links share no name with a joint, which Pinocchio asks for sometimes."""
-    model, times = model.copy(), Counter(frame.name for frame in model.frames)
+    model = model.copy()
     for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and times[frame.name] > 1:
+        if frame.type == pin.FrameType.BODY:
             frame.name = _LINK_MARK + frame.name
     return model
 

@@ -222,7 +222,7 @@ def _fill_gaps(root: ElementTree.Element, where: str) -> None:
     These are effort and velocity limits of revolute and prismatic joints, added as 0, which means
     no limit; and links that a joint names as its parent but that are not defined, such as "world".
     """
-    unlimited, undefined = [], []
+    unlimited = []
     for joint in root.findall("joint"):
         if joint.get("type") in ("revolute", "prismatic") or joint.find("limit") is not None:
             stated = child(joint, "limit").attrib
@@ -231,10 +231,9 @@ def _fill_gaps(root: ElementTree.Element, where: str) -> None:
             stated |= {"effort": "0", "velocity": "0"} | stated
     known = {link.get("name") for link in root.findall("link")}
     parents = (parent.get("link", "") for parent in root.findall("joint/parent[@link]"))
-    for name in dict.fromkeys(parents):
-        if name not in known:
-            undefined.append(name)
-            ElementTree.SubElement(root, "link", name=name)
+    undefined = [name for name in dict.fromkeys(parents) if name not in known]
+    for name in undefined:
+        ElementTree.SubElement(root, "link", name=name)
     for gap, names in (
         ("no limit is stated, taken as unlimited", unlimited),
         ("missing parent link added without a body", undefined),

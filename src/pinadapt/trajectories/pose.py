@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from copy import copy
 from typing import Any
 
@@ -16,7 +15,7 @@ from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
 from .crawl import Crawl
 from .given import TrajectoryLike, as_trajectory, converted
-from .periodic import Circle
+from .periodic import Circle, Sinusoid
 from .trajectory import Hold, Trajectory
 
 UPRIGHT = tuple(pin.Quaternion.Identity().coeffs().tolist())
@@ -74,17 +73,16 @@ class Swing(Trajectory):
         self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
         self.period = positive(period, "orientation.period")
         self.phase = float(vector(phase, 1, "orientation.phase")[0])
+        self._angle = Sinusoid(0.0, self.amplitude, self.period, self.phase)
         self._unplaced = quaternion is None
         own = UPRIGHT if quaternion is None else quaternion
         self.quaternion = unit_quaternion(own, "orientation.quaternion")
 
     def at(self, t: float) -> Desired:
         """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
-        w = 2 * math.pi / self.period
-        angle = w * t + self.phase
-        s, c = self.amplitude * math.sin(angle), self.amplitude * math.cos(angle)
+        angle, rate, acceleration = self._angle.at(t)
         axis = matrix(self.quaternion) @ self.axis  # constant in world axes
-        return Desired(turned(self.quaternion, s * axis), w * c * axis, -w * w * s * axis)
+        return Desired(turned(self.quaternion, angle * axis), rate * axis, acceleration * axis)
 
 
 class PoseTrajectory(Trajectory):
