@@ -90,7 +90,7 @@ class ConstraintForces:
         limits = np.full(n, _NONE) if limits is None else np.minimum(limits, _NONE)
         self._limits = limits[self._motors]
         self._mobilities = 1.0 / joint_inertia(robot)
-        A, _ = self.constraints.at(robot.q0, np.zeros(n))
+        A = self.constraints.jacobian(robot.q0)
         idle = A[:, self._idle]
         if np.linalg.matrix_rank(idle, tol=DEPENDENT * np.linalg.norm(idle)) < idle.shape[1]:
             raise RobotError(

@@ -34,6 +34,7 @@ _COMPILED = (
 _SKIPPED = ("include", "attach", "replicate", "composite", "flexcomp", "frame", "plugin")
 # Pinocchio does not compute the inertia of these shapes.
 _NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")
+_ROWS = {"connect": 3, "weld": 6}  # coordinates that a loop closes
 _NUMBERS = (
     *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
     *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
@@ -47,18 +48,12 @@ class Mjcf:
 
     Attributes:
         path: the file.
-        mimics: joints that an <equality> couples to others, see ``Mimics``.
-        gravity: (3) [m/s^2] in world axes.
-        loops: the elements <connect> and <weld>, but for those of mocap bodies, which are no part
-            of a robot.
-        driven: joints that actuators move, by themselves, a fixed tendon or a joint that follows.
+        root: its root element, without each <equality> that is not active, and those of mocap
+            bodies, which are no part of a robot.
     """
 
     path: Path
-    mimics: Mimics
-    gravity: np.ndarray
-    loops: tuple[ElementTree.Element, ...]
-    driven: frozenset[str]
+    root: ElementTree.Element
 
     @classmethod
     def read(cls, path: Path, root: ElementTree.Element) -> Mjcf:
@@ -72,46 +67,48 @@ class Mjcf:
             check_numbers(element, _NUMBERS, None, path)
         for flaw in _flaws(root):
             raise RobotError(f"{flaw}.", where=path, hint=_COMPILED)
-        bodies = root.findall("worldbody/body")
-        unread = [body for body in bodies[1:] if body.get("mocap") != "true"]
-        if names := ", ".join(f"'{body.get('name')}'" for body in unread):
+        mocap = {body.get("name") for body in root.iter("body") if body.get("mocap") == "true"}
+        others = (body.get("name") for body in root.findall("worldbody/body")[1:])
+        if names := ", ".join(f"'{name}'" for name in others if name not in mocap):
             warnings.warn(
                 f"{path}: Pinocchio reads the first body of <worldbody> alone, without {names}. "
                 "Put them into one body.",
                 stacklevel=3,
             )
-        coupled, loops = {}, []
-        mocap = {body.get("name") for body in root.iter("body") if body.get("mocap") == "true"}
-        for part in root.findall("equality/*"):
-            if part.get("active") == "false":
-                continue
-            if part.tag == "joint":
-                offset, ratio, *_ = map(float, [*part.get("polycoef", "0 1").split(), "0"])
-                coupled[part.get("joint1", "")] = part.get("joint2", ""), ratio, offset
-            elif part.tag in ("connect", "weld"):
+        for equality in root.findall("equality"):
+            for part in list(equality):
                 ends = {part.get("body1"), part.get("body2")}
-                loops += [] if mocap & ends else [part]
-        option = root.find("option[@gravity]")
-        text = "0 0 -9.81" if option is None else option.get("gravity", "")
-        gravity = np.array(text.split(), dtype=float)
-        return cls(path, coupled, gravity, tuple(loops), _driven(root, coupled))
+                if part.get("active") == "false" or mocap & ends:
+                    equality.remove(part)
+        return cls(path, root)
+
+    @property
+    def mimics(self) -> Mimics:
+        """The joints that an <equality> couples to others."""
+        found = {}
+        for part in self.root.findall("equality/joint"):
+            offset, ratio, *_ = map(float, [*part.get("polycoef", "0 1").split(), "0"])
+            found[part.get("joint1", "")] = part.get("joint2", ""), ratio, offset
+        return found
+
+    @property
+    def _loops(self) -> list[ElementTree.Element]:
+        """The elements <connect> and <weld>."""
+        return [part for part in self.root.findall("equality/*") if part.tag in _ROWS]
 
     @property
     def closures(self) -> Closures:
         """The frames of the loops: their sites, or frames that ``model`` adds."""
         return tuple(
-            (
-                loop.get("site1", f"loop_{i}_a"),
-                loop.get("site2", f"loop_{i}_b"),
-                3 if loop.tag == "connect" else 6,
-            )
-            for i, loop in enumerate(self.loops)
+            (loop.get("site1", f"loop_{i}_a"), loop.get("site2", f"loop_{i}_b"), _ROWS[loop.tag])
+            for i, loop in enumerate(self._loops)
         )
 
     def passive(self, model: pin.Model) -> tuple[str, ...]:
         """Return the joints that no actuator moves; none if the file has no actuators of joints."""
-        names = map(str, model.names[1:] if self.driven else ())
-        return tuple(name for name in names if name not in self.driven)
+        driven = _driven(self.root, self.mimics)
+        names = map(str, model.names[1:] if driven else ())
+        return tuple(name for name in names if name not in driven)
 
     def model(self) -> pin.Model:
         """Build the model, with frames where loops are closed, which meet at the pose "qpos0".
@@ -127,10 +124,11 @@ class Mjcf:
                 where=self.path,
                 hint=_COMPILED,
             ) from error
-        model.gravity.linear = self.gravity
+        for option in self.root.findall("option[@gravity]"):
+            model.gravity.linear = np.array(option.get("gravity", "").split(), dtype=float)
         data = model.createData()
         pin.framesForwardKinematics(model, data, model.referenceConfigurations["qpos0"])
-        for names, loop in zip(self.closures, self.loops, strict=True):
+        for names, loop in zip(self.closures, self._loops, strict=True):
             if loop.get("site1") is not None:
                 continue
             bodies = [
@@ -184,8 +182,8 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
             )
 
 
-def _driven(root: ElementTree.Element, coupled: Mimics) -> frozenset[str]:
-    """Return the joints that actuators move, with those that a driven joint follows."""
+def _driven(root: ElementTree.Element, coupled: Mimics) -> set[str | None]:
+    """Return the joints that actuators move, by themselves or a tendon, and whom these follow."""
     actuators = root.findall("actuator/*")
     found = {each.get(word) for each in actuators for word in ("joint", "jointinparent")}
     tendons = {each.get("tendon") for each in actuators} - {None}
@@ -193,7 +191,7 @@ def _driven(root: ElementTree.Element, coupled: Mimics) -> frozenset[str]:
         if tendon.get("name") in tendons:
             found |= {joint.get("joint") for joint in tendon.findall("joint")}
     found |= {leader for joint, (leader, *_) in coupled.items() if joint in found}
-    return frozenset(filter(None, found))
+    return found - {None}
 
 
 def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple[pin.SE3, pin.SE3]:

@@ -232,9 +232,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     if not parts:
         return q
     constraints = Constraints(model, parts)
-    still = np.zeros(model.nv)
     for _ in range(_ITERATIONS):
-        A, _ = constraints.at(q, still)
+        A = constraints.jacobian(q)
         angles = angles_from_configuration(model, q)
         placed = zip(parts, constraints.places, strict=True)
         off = np.concatenate([part.error(constraints.data, at, angles) for part, at in placed])
@@ -263,7 +262,7 @@ def independent(
         return tuple(parts)
     from scipy.linalg import qr  # here, because few robots have loops
 
-    A, _ = Constraints(model, parts).at(q, np.zeros(model.nv))
+    A = Constraints(model, parts).jacobian(q)
     others = A[~np.repeat(loops, sizes)]
     rest = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others
     R, order = qr(rest.T, mode="r", pivoting=True)

@@ -328,7 +328,7 @@ def _load_chain(
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
     elif isinstance(chosen, FramesTask | ComTask):
         J = chosen.linear_map(model, model.createData(), tips[0], home)[1]
-    A, _ = robot.constrained.at(home, np.zeros(model.nv))
+    A = robot.constrained.jacobian(home)
     both = np.vstack([J, A])
     if len(J) and np.linalg.matrix_rank(both, DEPENDENT * np.linalg.norm(both)) < len(both):
         raise RobotError(

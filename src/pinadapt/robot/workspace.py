@@ -229,12 +229,11 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
     constraints = tool.constrained
-    still = np.zeros(model.nv)
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
         """Return the task Jacobian at a configuration (nq), all rows in [m/rad], and A."""
         J = arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
-        return np.vstack([J, constraints.at(q, still)[0]]) if robot.constraints else J
+        return np.vstack([J, constraints.jacobian(q)]) if robot.constraints else J
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     ways = path.positions(np.arange(_STEPS + 2) / _STEPS) - path.at(0.0).x_d
