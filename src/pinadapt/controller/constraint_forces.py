@@ -115,10 +115,10 @@ class ConstraintForces:
             first, borne = k - cones.shape[1], list[str]()  # the contacts come last
             self._cones = np.pad(cones, ((0, self._motors.size), (first, m)))
             self._soles = []  # and the first columns of their forces, and of their torques
-            for part, pyramid in zip(self._contacts, pyramids, strict=True):
+            for number, (part, pyramid) in enumerate(zip(self._contacts, pyramids, strict=True)):
                 borne += [f"contact of {part.frame}"] * len(pyramid)
                 if part.sole is not None:
-                    self._soles += [(part, first), (part, first + 3)]
+                    self._soles += [(number, first), (number, first + 3)]
                 first += part.size
             self._names = borne + self._names
 
@@ -163,8 +163,9 @@ class ConstraintForces:
             equal[rest:, :k], right[rest:] = self.constraints.squeezes(k)
         if self._contacts:
             C, n = self._cones.copy(), len(self._cones) - len(own)
-            for part, at in self._soles:  # stated in the axes of the sole
-                C[:, at : at + 3] = C[:, at : at + 3].dot(self.constraints.axes(part).T)
+            for sole, at in self._soles:  # stated in its axes
+                axes = self.constraints.placements[sole].rotation
+                C[:, at : at + 3] = C[:, at : at + 3].dot(axes.T)
             C[n:, :k], low, high = own, np.zeros(len(C)), np.full(len(C), _NONE)
             low[n:], high[n:] = asked - self._limits, asked + self._limits
             solve = _solver().dense.solve

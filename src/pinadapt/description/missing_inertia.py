@@ -10,6 +10,7 @@ inertia is that of a solid and therefore physically consistent.
 from __future__ import annotations
 
 import warnings
+from collections import defaultdict
 from collections.abc import Callable
 
 import coal
@@ -59,12 +60,12 @@ def with_inertias(
     wanted = [*lacking, *[0] * (model.inertias[0].mass <= 0.0)]
     solids: dict[int, pin.Inertia] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
-        placed = dict[int, pin.Inertia]()
+        placed = defaultdict[int, pin.Inertia](pin.Inertia.Zero)
         shapes = geometry(kind)
         for part in shapes.geometryObjects if shapes else ():
             joint = part.parentJoint
             if joint in wanted and (solid := _solid(part.geometry)) is not None:
-                placed[joint] = placed.get(joint, pin.Inertia.Zero()) + part.placement.act(solid)
+                placed[joint] += part.placement.act(solid)
         solids |= placed
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
     radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))

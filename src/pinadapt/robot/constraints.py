@@ -308,10 +308,9 @@ class Constraints:
         pin.updateFramePlacements(model, data)
         placed = zip(self.parts, self.places, strict=True)
         found = [(self._none, self._none), *(part.at(model, data, at) for part, at in placed)]
-        A, A_rate = zip(*found, strict=True)
-        rows = np.concatenate(A), np.concatenate(A_rate)
-        self._last = (q.copy(), v.copy()), rows
-        return rows
+        A, A_rate = map(np.concatenate, zip(*found, strict=True))
+        self._last = (q.copy(), v.copy()), (A, A_rate)
+        return A, A_rate
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Return A (k, n) at q (nq)."""
@@ -425,7 +424,3 @@ class Constraints:
         way = x - old
         moved = np.nan_to_num(np.linalg.norm(way, axis=1))
         return old + way * (dt / _FORGOTTEN), moved
-
-    def axes(self, contact: Contact) -> np.ndarray:
-        """Return the axes (3, 3) of a contact in the world, of the last ``at``."""
-        return self.data.oMf[self.places[self.parts.index(contact)][0]].rotation

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -181,47 +180,37 @@ def load(
             f'task="joint" keeps them.',
             stacklevel=3,
         )
-    make = partial(
-        _load_chain,
-        found,
-        ends=ends,
-        task=found.task if task in (None, IMAGE) else task,
-        locked=[*found.locked, *name_list(locked, "locked", RobotError)],
-        q0=q0,
-        free=free,
-        constraints=closed + feet,
-        passive=idle if whole else (),
-    )
-    choices = [named] if whole else [known] if known else [[end] for end in ends]
-    robot = _first_able(make, found, choices)
+    locks = [*found.locked, *name_list(locked, "locked", RobotError)]
+    refused = None
+    for choice in [named] if whole else [known] if known else [[end] for end in ends]:
+        try:
+            robot = _load_chain(
+                found,
+                choice,
+                ends=ends,
+                task=found.task if task in (None, IMAGE) else task,
+                locked=locks,
+                q0=q0,
+                free=free,
+                constraints=closed + feet,
+                passive=idle if whole else (),
+            )
+            break
+        except RobotError as error:  # of the first choice, where no chain is able to do the task
+            if error.where != "task":
+                raise
+            refused = refused or error
+    else:
+        raise refused or RobotError(
+            "no link is moved by two independent joints or more.",
+            where=found.name,
+            hint='Name a frame, or choose task="joint".',
+        )
     if gravity is not None:
         robot.model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
-
-
-def _first_able(
-    make: Callable[[list[str]], Robot], found: Description, choices: Sequence[list[str]]
-) -> Robot:
-    """Return the robot of the first choice of frames whose chains are able to do the task.
-
-    Raises:
-        RobotError: no chain is able, then the error of the first; no choice; or any other error.
-    """
-    refused = None
-    for frames in choices:
-        try:
-            return make(frames)
-        except RobotError as error:
-            if error.where != "task":
-                raise
-            refused = refused or error
-    raise refused or RobotError(
-        "no link is moved by two independent joints or more.",
-        where=found.name,
-        hint='Name a frame, or choose task="joint".',
-    )
 
 
 def _load_chain(
