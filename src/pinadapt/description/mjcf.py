@@ -24,7 +24,7 @@ from .chain import (
     links_of,
     position_limits,
 )
-from .urdf import check_numbers, xml_text
+from .urdf import built_shapes, check_numbers, xml_text
 from .urdf_writer import digits, first_comment, free_name
 
 _COMPILED = (
@@ -141,17 +141,9 @@ class Mjcf:
                 model.addFrame(pin.Frame(name, carrier.parentJoint, body, place, kind), False)
         return model
 
-    def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel | None:
-        """Return the visual or collision geometry, or None if a mesh cannot be read.
-
-        A warning says which.
-        """
-        try:
-            return pin.buildGeomFromMJCF(model, str(self.path), kind)
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            warnings.warn(f"{self.path}: no shapes are drawn: {reason}", stacklevel=3)
-            return None
+    def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
+        """Return the visual or collision geometry; nothing, and a warning, if a mesh is missing."""
+        return built_shapes(self.path, pin.buildGeomFromMJCF, model, str(self.path), kind)
 
 
 def keyframe(model: pin.Model) -> np.ndarray:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from xml.parsers.expat import ExpatError, ParserCreate
 
 import pinocchio as pin
@@ -131,12 +132,7 @@ class Urdf:
                 f"{', '.join(sorted(lost))}. {WHERE_PACKAGES_ARE}",
                 stacklevel=2,
             )
-        try:
-            return pin.buildGeomFromUrdfString(model, xml_text(root), kind)
-        except Exception as error:  # the parser of many formats raises errors of any kind
-            reason = str(error).strip().splitlines()[-1]
-            warnings.warn(f"{self.path}: no shapes are drawn: {reason}.", stacklevel=2)
-            return pin.GeometryModel()
+        return built_shapes(self.path, pin.buildGeomFromUrdfString, model, xml_text(root), kind)
 
     @property
     def root(self) -> ElementTree.Element:
@@ -163,6 +159,18 @@ class Urdf:
             if (name := joint.get("name", "")) in joints:
                 found[name] = float(child(joint, "dynamics").get(attribute, ""))
         return found
+
+
+def built_shapes(
+    path: Path, build: Callable[..., pin.GeometryModel], *given: Any
+) -> pin.GeometryModel:
+    """Return the shapes that Pinocchio builds of a file; none, and a warning, if it cannot."""
+    try:
+        return build(*given)
+    except Exception as error:  # the parser of many formats raises errors of any kind
+        reason = str(error).strip().rpartition("\n")[2]
+        warnings.warn(f"{path}: no shapes are drawn: {reason}.", stacklevel=3)
+        return pin.GeometryModel()
 
 
 @dataclass(frozen=True, eq=False)

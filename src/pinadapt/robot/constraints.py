@@ -235,8 +235,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     for _ in range(_ITERATIONS):
         A = constraints.jacobian(q)
         angles = angles_from_configuration(model, q)
-        placed = zip(parts, constraints.places, strict=True)
-        off = np.concatenate([part.error(constraints.data, at, angles) for part, at in placed])
+        each = [part.error(constraints.data, at, angles) for part, at in constraints.placed]
+        off = np.concatenate(each)
         A, off = A[np.isfinite(off)], off[np.isfinite(off)]
         step = -np.linalg.pinv(A, rcond=DEPENDENT) @ off
         left = np.abs(A @ step).max(initial=0.0)  # of what the joints can change
@@ -282,7 +282,7 @@ class Constraints:
 
     Attributes:
         parts: the constraints.
-        places: indices of the frames of each.
+        placed: each with the indices of its frames, or of its joints in v.
         data: scratch, with the frames of the last ``at``.
     """
 
@@ -291,8 +291,8 @@ class Constraints:
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
         self._none = np.zeros((0, model.nv))
         self._last = (np.full(model.nq, np.nan), np.zeros(model.nv)), (self._none, self._none)
-        self.places = [part.places(model) for part in self.parts]
-        self._feet = [frame_id(model, part.frame) for part in parts if isinstance(part, Contact)]
+        self.placed = [(part, part.places(model)) for part in self.parts]
+        self._feet = [at[0] for part, at in self.placed if isinstance(part, Contact)]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -306,8 +306,8 @@ class Constraints:
         model, data = self._model, self.data
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
-        placed = zip(self.parts, self.places, strict=True)
-        found = [(self._none, self._none), *(part.at(model, data, at) for part, at in placed)]
+        own = (part.at(model, data, at) for part, at in self.placed)
+        found = [(self._none, self._none), *own]
         A, A_rate = map(np.concatenate, zip(*found, strict=True))
         self._last = (q.copy(), v.copy()), (A, A_rate)
         return A, A_rate
@@ -362,7 +362,7 @@ class Constraints:
         The frames are those of the last ``at``; the loops are the first of the constraints.
         """
         rows, squeezes, first = [], [], 0
-        for part, frames in zip(self.parts, self.places, strict=True):
+        for part, frames in self.placed:
             if isinstance(part, Loop) and part.squeeze is not None:
                 a, b = (self.data.oMf[frame] for frame in frames)
                 way = a.actInv(b).translation

@@ -421,34 +421,30 @@ def choose_task(
     Raises:
         RobotError: too few joints, or a task Jacobian that is always singular.
     """
-
-    def with_home(name: str) -> tuple[float, Task, np.ndarray]:
-        """Return conditioning, task and home pose (nq) for the name of a task."""
+    planes = PLANES if task is None and len(frames) == 1 else ()
+    found = list[tuple[float, Task, np.ndarray]]()
+    for name in (task or "xyz", *planes):
         chosen = _task_named(name, model)
         coordinates = len(frames) * chosen.size
-        if model.nv < coordinates:
-            names = "', '".join(str(model.frames[frame].name) for frame in frames)
-            raise RobotError(
-                f"task '{name}' has {coordinates} coordinates, but the chain to '{names}' has "
-                f"only {model.nv} joints.",
-                where="task",
-                hint="Choose a frame further from the base, or a task with fewer coordinates.",
-            )
-        if not isinstance(chosen, FrameTask):
-            return 0.0, chosen, home_inside_limits(model, poses)
-        home = find_home(model, frames, chosen.rows, poses, plane)
-        ((largest, *_, smallest),) = singular_values(model, frames, chosen.rows, [home])
-        return smallest / largest, chosen, home
-
-    found = list[tuple[float, Task, np.ndarray]]()
-    planes = PLANES if task is None and len(frames) == 1 else ()
-    for name in (task or "xyz", *planes):
         try:
-            found.append(with_home(name))
+            if model.nv < coordinates:
+                names = "', '".join(str(model.frames[frame].name) for frame in frames)
+                raise RobotError(
+                    f"task '{name}' has {coordinates} coordinates, but the chain to '{names}' has "
+                    f"only {model.nv} joints.",
+                    where="task",
+                    hint="Choose a frame further from the base, or a task with fewer coordinates.",
+                )
+            if not isinstance(chosen, FrameTask):
+                return chosen, home_inside_limits(model, poses)
+            home = find_home(model, frames, chosen.rows, poses, plane)
         except RobotError as error:
             refused = error
-        if found and name == "xyz":
-            break
+            continue
+        if name not in planes:
+            return chosen, home
+        ((largest, *_, smallest),) = singular_values(model, frames, chosen.rows, [home])
+        found.append((smallest / largest, chosen, home))
     if not found:
         raise refused
     return max(found, key=lambda each: each[0])[1:]
