@@ -81,7 +81,7 @@ def test_a_loop_is_closed_at_home(make):
     robot = make()
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
-    for loop, at in zip(robot.constraints, robot.constrained.places, strict=True):
+    for loop, at in robot.constrained.placed:
         assert np.abs(loop.error(data, at, robot.home_angles)).max() < 1e-9
 
 

@@ -18,7 +18,7 @@ from ..tasks.frame import rotation_between, turned
 from ..tasks.task import Task
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+    from scipy.interpolate import BPoly
 
 # [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
 LONGEST_RAMP, _LOOKS = 5.0, 250
@@ -292,21 +292,19 @@ class Waypoints(Piecewise):
         super().__init__(t, self.points, moves(self.points, t))
 
 
-def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> PPoly:
+def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> BPoly:
     """Return minimum-jerk moves through x (N, m) at times t (N), polynomials of degree six.
 
-    ``bumps`` (N - 1, m) are added in the middle of the moves, as 64 (u (1 - u))^3, u from 0 to 1.
-    What does not move has a velocity of exactly zero.
+    In Bernstein's form the first three coefficients are the start and the last three the end, which
+    holds velocity and acceleration at zero there. ``bumps`` (N - 1, m) are added in the middle of
+    the moves, as 64 (u (1 - u))^3, u from 0 to 1. What does not move has a velocity of exactly
+    zero.
     """
-    from scipy.interpolate import PPoly  # not needed to load a robot
+    from scipy.interpolate import BPoly  # not needed to load a robot
 
-    way = np.diff(x, axis=0)
-    move = np.array([0.0, 6.0, -15.0, 10.0, 0.0, 0.0, 0.0])[:, None, None]
-    bump = np.array([-64.0, 192.0, -192.0, 64.0, 0.0, 0.0, 0.0])[:, None, None]
-    power = move * way + bump * np.broadcast_to(bumps, way.shape)
-    power /= np.diff(t)[:, None] ** np.arange(6, -1, -1)[:, None, None]
-    power[-1] = x[:-1]
-    return PPoly(power, t)
+    start, end = x[:-1], x[1:]
+    middle = 0.5 * (start + end) + 64.0 / 20.0 * np.asarray(bumps)
+    return BPoly(np.array([start, start, start, middle, end, end, end]), t)
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
