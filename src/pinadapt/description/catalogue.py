@@ -109,7 +109,7 @@ def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
         model.jointPlacements[1].rotation = kind.freeflyer_ori
     if not kind.srdf_filename:
         return urdf, model, pin.neutral(model)
-    srdf = str(_folder(kind) / kind.path / kind.srdf_subpath / kind.srdf_filename)
+    srdf = str(_folder(kind) / kind.srdf_subpath / kind.srdf_filename)
     pose = _loaders().readParamsFromSrdf(
         model, srdf, False, kind.has_rotor_parameters, kind.ref_posture
     )
@@ -126,13 +126,12 @@ def whole_geometry(name: str, kind: pin.GeometryType) -> pin.GeometryModel:
 def example_path(origin: str) -> Path:
     """Return the URDF file that a loader of example-robot-data reads."""
     kind = _loaders().ROBOTS[origin]
-    return _folder(kind) / kind.path / kind.urdf_subpath / kind.urdf_filename
+    return _folder(kind) / kind.urdf_subpath / kind.urdf_filename
 
 
 def _folder(kind: Any) -> Path:
     """Return the folder that holds the robot of a loader."""
-    file = Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
-    return Path(kind.model_path or _loaders().getModelPath(str(file)))
+    return Path(kind.model_path or _loaders().getModelPath(kind.path), kind.path)
 
 
 def _loaders() -> Any:

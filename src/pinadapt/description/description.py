@@ -106,7 +106,7 @@ def describe(
 
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
-    model = source if isinstance(source, pin.Model) else source.model
+    model = getattr(source, "model", source)
     shapes = {
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),

@@ -391,8 +391,7 @@ class Constraints:
         u = feet.xd_d - alpha * (x - feet.x_d)
         ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
         both[:, own] = np.where(feet.stands[:, None], 0.0, [u, ud]).reshape(2, -1)
-        rows, rate = both
-        return rows, rate
+        return both[0], both[1]
 
     @property
     def placements(self) -> list[pin.SE3]:

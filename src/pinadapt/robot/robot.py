@@ -561,8 +561,7 @@ class Succession:
     @property
     def words(self) -> tuple[tuple[float, str], ...]:
         """Time [s] and short description of each change."""
-        words = map(difference, self.robots, self.robots[1:])
-        return tuple(zip(self.times, words, strict=True))
+        return tuple(zip(self.times, map(difference, self.robots, self.robots[1:]), strict=True))
 
 
 def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]:

@@ -123,10 +123,9 @@ class Crawl(Trajectory):
         stands = np.ones(4, dtype=bool)
         if k < self.steps and t - k * period > self.shift:
             stands[self._order[k]] = False
-        x, xd, xdd = self._plan.at(t)
-        feet = Feet(stands, *(each[3:].reshape(4, 3) for each in (x, xd, xdd)))
-        rest = np.zeros(3)
-        trunk = np.append(x[:3], self._start[3:]), np.append(xd[:3], rest), np.append(xdd[:3], rest)
+        planned, turns = self._plan.at(t), (self._start[3:], np.zeros(3), np.zeros(3))
+        feet = Feet(stands, *(each[3:].reshape(4, 3) for each in planned))
+        trunk = (np.append(each[:3], turn) for each, turn in zip(planned, turns, strict=True))
         return DesiredSteps.of(Desired(*trunk), feet)
 
 

@@ -35,7 +35,8 @@ class FixedOrientation(Hold):
             InputError: not a unit quaternion.
         """
         self.quaternion = unit_quaternion(quaternion, "orientation.quaternion")
-        super().__init__(self.quaternion, 3)
+        super().__init__(self.quaternion)
+        self._rest = np.zeros(3)
 
 
 class Swing(Trajectory):

@@ -204,22 +204,22 @@ class Hold(Trajectory):
 
     extent = settles = 0.0
 
-    def __init__(self, point: ArrayLike | None = None, rows: int | None = None) -> None:
+    def __init__(self, point: ArrayLike | None = None) -> None:
         """Take the point (m) [m or rad]; None: where the robot is at the start.
-
-        ``rows`` are the velocities, of which a point with a quaternion has less; None: m.
 
         Raises:
             InputError: coordinates that are not finite numbers.
         """
         self._unplaced = point is None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
-        self._rest = np.zeros(self.point.size if rows is None else rows)
+        self._rest = np.zeros(self.point.size)
 
     @classmethod
     def of(cls, task: Task, measurement: Measurement) -> Hold:
         """Return the rest where a measurement has the robot, a pose with its six velocities."""
-        return cls(task.measured(measurement.x, measurement.q), task.size)
+        made = cls(task.measured(measurement.x, measurement.q))
+        made._rest = np.zeros(task.size)
+        return made
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
