@@ -197,10 +197,9 @@ def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
     model, data = robot.model, robot.model.createData()
     torques = []
-    for t in np.linspace(0.0, swing.period.max(), 80).tolist():
-        at = swing.at(t)
-        q = configuration_from_angles(model, at.x_d)
-        torques.append(pin.rnea(model, data, q, at.xd_d, at.xdd_d))
+    for angles, v, a in map(swing.at, np.linspace(0.0, swing.period.max(), 80)):
+        q = configuration_from_angles(model, angles)
+        torques.append(pin.rnea(model, data, q, v, a))
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
     efforts = np.maximum(SHARE * effort_limits(model), 1.05 * held)
