@@ -101,11 +101,8 @@ class Packages:
             for text in os.environ.get(variable, "").split(os.pathsep)
             if text
         ]
-        for place in (*self._above, *ros):
-            for folder in (place, place / name):
-                if folder.name == name and folder.is_dir():
-                    return folder
-        return None
+        folders = (each for place in (*self._above, *ros) for each in (place, place / name))
+        return next((each for each in folders if each.name == name and each.is_dir()), None)
 
     def file(self, name: str) -> Path | None:
         """Return the file of a ``package://``, ``model://`` or ``file://`` URI or path, or None.
