@@ -243,7 +243,7 @@ def joint_numbers(
     if array.ndim > 1 or (array < 0.0).any() or not (zero or array.all()):
         raise error(
             f"must {'not be negative' if zero else 'be positive'}, one number or one per joint, "
-            f"got {array.tolist()}.",
+            f"got {shown(value)}.",
             where=name,
         )
     return array

@@ -70,10 +70,11 @@ def with_inertias(
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
     radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
     rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
-    density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
+    bodies = solids | rods
+    density = (mass - described) / sum(body.mass for body in bodies.values())
     model = model.copy()
     words = []
-    for joint, body in (solids | rods).items():
+    for joint, body in bodies.items():
         rod = ", a rod or ball as it has no shapes" if joint in rods else ""
         words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}{rod}")
         if joint > 0:
