@@ -257,12 +257,13 @@ def independent(
     differs most from what those taken imply, until what is left is below 1e-4 of the largest row.
     At a singular q that leaves out too much.
     """
-    loops, sizes = ([isinstance(p, Loop) for p in parts], [p.size for p in parts])
+    loops = [isinstance(part, Loop) for part in parts]
     if not any(loops):
         return tuple(parts)
     from scipy.linalg import qr  # here, because few robots have loops
 
     A = Constraints(model, parts).jacobian(q)
+    sizes = [part.size for part in parts]
     others = A[~np.repeat(loops, sizes)]
     rest = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others
     R, order = qr(rest.T, mode="r", pivoting=True)

@@ -20,7 +20,7 @@ from ..description.chain import (
 from ..exceptions import RobotError
 from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.several_frames import FramesTask
-from ..trajectories.periodic import Circle, Sinusoid
+from ..trajectories.periodic import PLANES, Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.stacked import Stacked
 from .constraints import Constraints
@@ -136,7 +136,7 @@ def find_circle(robot: Robot) -> Circle:
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
     length, task = robot.reach, robot.of_frame(robot.frame).frame_task
-    planes = ["xy", "yz", "xz"][: 3 if task.lengths == 3 else 1]
+    planes = PLANES[: 3 if task.lengths == 3 else 1]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [
         robot.changed(tool_translation=dict.fromkeys(robot.frames, shift)) for shift in shifts
@@ -273,8 +273,8 @@ def _balanced(robot: Robot, constraints: Constraints, q: np.ndarray) -> bool:
 
     placed = zip(robot.contacts, constraints.placements, strict=True)
     points = np.array([place.act(each)[:2] for part, place in placed for each in part.corners])
-    middle, mass = points.mean(axis=0), pin.centerOfMass(robot.model, robot.model.createData(), q)
-    at = middle + (mass[:2] - middle) / _BALANCE
+    middle = constraints.feet[:, :2].mean(axis=0)
+    at = middle + (pin.centerOfMass(robot.model, constraints.data, q)[:2] - middle) / _BALANCE
     _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))
     return bool(off < 1e-9)  # a convex combination, but for rounding
 
