@@ -20,7 +20,7 @@ _Motion = TypeVar("_Motion", bound="_Harmonic")
 
 
 class _Harmonic(Trajectory):
-    """x_d,i = center_i + sum_k (cosine_ik cos(w_k t) + sine_ik sin(w_k t)).
+    """x_d,i = center_i + Re sum_k c_ik exp(i w_k t).
 
     Attributes:
         center: (m) [m or rad]. None: such that the motion begins where the robot is; until a run
@@ -33,11 +33,10 @@ class _Harmonic(Trajectory):
         self,
         center: ArrayLike | None,
         w: np.ndarray,
-        cosine: np.ndarray,
-        sine: np.ndarray,
+        c: np.ndarray,
         given: dict[str, Any],
     ) -> None:
-        """Take centre, w [rad/s] (K) and coefficients (m, K); without a centre what they are of.
+        """Take centre, w [rad/s] (K) and complex c (m, K); without a centre what they are of.
 
         Raises:
             InputError: a centre of another size.
@@ -45,13 +44,9 @@ class _Harmonic(Trajectory):
         if center is None:
             self._unplaced = given
         at = 0.0 if center is None else center
-        self.center = vector(at, len(cosine), "trajectory.center")
-        # (3, m, 2 K): what cosines and sines of all angles add to position, velocity, acceleration
-        position = np.append(cosine, sine, axis=1)
-        velocity = np.append(w * sine, -w * cosine, axis=1)
-        self._w = np.append(w, w)
-        self._parts = np.array([position, velocity, -self._w * self._w * position])
-        self._phase = np.repeat([0.5 * math.pi, 0.0], len(w))
+        self.center = vector(at, len(c), "trajectory.center")
+        self._iw = 1j * w
+        self._parts = np.array([c, self._iw * c, self._iw**2 * c])  # and derivatives (3, m, K)
 
     def placed(self: _Motion, start: np.ndarray) -> _Motion:
         """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
@@ -68,7 +63,7 @@ class _Harmonic(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        x, xd, xdd = self._parts.dot(np.sin(self._w * t + self._phase))
+        x, xd, xdd = self._parts.dot(np.exp(self._iw * t)).real
         return Desired(self.center + x, xd, xdd)
 
 
@@ -100,11 +95,10 @@ class _Sines(_Harmonic):
         w = 2.0 * math.pi * parts.get("cycles", 1.0) / parts["period"]
         A, phase = parts["amplitude"], parts["phase"]
         self.amplitude, self.extent = A, float(np.linalg.norm(A))
-        cosine, sine = np.diag(A * np.sin(phase)), np.diag(A * np.cos(phase))
-        self._take(parts.get("center"), w, cosine, sine, sines)
+        self._take(parts.get("center"), w, np.diag(-1j * A * np.exp(1j * phase)), sines)
 
 
-class Circle(_Sines):
+class Circle(_Harmonic):
     """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
 
     Attributes:
@@ -140,14 +134,11 @@ class Circle(_Sines):
                 f"a circle needs 2 or 3 coordinates, got {size}.", where="trajectory.center"
             )
         word(plane, PLANES if size == 3 else ("xy",), "trajectory.plane")
-        axes = ["xyz".index(axis) for axis in plane]
-        amplitude, phases = np.zeros(size), np.zeros(size)
-        amplitude[axes], phases[axes] = self.radius, (self.phase + 0.5 * math.pi, self.phase)
-        sines = {"amplitude": amplitude, "period": self.period, "phase": phases}
-        self._take_sines(center, sines)
+        axes = np.eye(3, size)[["xyz".index(axis) for axis in plane]]  # u_1, u_2
+        c = self.radius * np.exp(1j * self.phase) * (axes[0] - 1j * axes[1])
+        given = {"radius": radius, "period": period, "plane": plane, "phase": phase}
+        self._take(center, np.array([2.0 * math.pi / self.period]), c[:, None], given)
         self.extent = self.radius
-        if center is None:
-            self._unplaced = {"radius": radius, "period": period, "plane": plane, "phase": phase}
 
 
 class Lissajous(_Sines):
@@ -242,4 +233,4 @@ class FourierSeries(_Harmonic):
         self.harmonics = self.cosine.shape[1]
         w = 2.0 * math.pi / self.period * np.arange(1.0, self.harmonics + 1.0)
         given = {"cosine": cosine, "sine": sine, "period": period}
-        self._take(center, w, self.cosine, self.sine, given)
+        self._take(center, w, self.cosine - 1j * self.sine, given)
