@@ -124,6 +124,12 @@ class Information:
         less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
         return replace(self, R=self.R - less @ self.R, c=self.c - less @ self.c)
 
+    def of_first(self, count: int) -> Information:
+        """Return the information on the first parameters, whatever the others are."""
+        U, _, _ = replace(self, R=self.R[:, count:])._singular
+        R, c = (part - U @ (U.T @ part) for part in (self.R[:, :count], self.c))
+        return Information(self.names[:count], self.estimate[:count], R, c)
+
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
 
@@ -194,7 +200,7 @@ def position_information(
     A late frame is compared with the configuration at the time when it was taken.
     """
     kinematics = controller.kinematics
-    measurements = [sample.measurement for sample in samples if kinematics.size]
+    measurements = [sample.measurement for sample in samples]
     W, r = position_rows(kinematics, state.a_k, *frames(kinematics, measurements))
     return fitted(kinematics.names, state.a_k, W, r, kinematics.robot.reach)
 
