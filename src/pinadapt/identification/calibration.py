@@ -22,7 +22,7 @@ serial robots*, IEEE Trans. Robotics and Automation 6 (1990) 368-373, for the QR
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,8 +38,8 @@ from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, rms, spread
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
-from ..logs.formats import read_log
-from ..logs.import_options import ImportOptions
+from ..logs.formats import Source, read_log
+from ..logs.import_options import Options
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
@@ -47,8 +47,8 @@ from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
+from .logged_motion import several
 from .report import plain
 
 OFFSETS, JOINTS = "offsets", "joints"
@@ -202,12 +202,12 @@ class Calibration(Printed):
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
-    log: Path | str | Log | Rollout | Sequence[Any],
+    log: Source | Sequence[Any],
     robot: Robot | Path | str,
     *,
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
-    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: Options | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
 
@@ -238,7 +238,7 @@ def calibrate(
     words = name_list(unknown, "unknown")
     logs = [
         read_log(source, described, import_options=import_options, torques=False)
-        for source in (log if isinstance(log, list | tuple) else (log,))
+        for source in several(log)
     ]
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)

@@ -187,8 +187,7 @@ class Identification(Printed):
         if not gain:
             return plain
         windows = self.windows.between(last=self.split) if self.tested else self.windows
-        names, a = self.dynamic.names, self.dynamic.estimate
-        found = torque_information(names, a, windows, self.stated, gain=gain)
+        found = torque_information(self.dynamic.estimate, windows, self.stated, gain=gain)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
         return PayloadEstimate.of(own, known, plain.explained)
