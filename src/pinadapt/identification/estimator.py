@@ -264,13 +264,14 @@ class Estimator:
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
-        carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
+        carrier = robot.carriers[0]
         self._alone = alone = given.bodies == PAYLOAD
-        bodies = sorted({*bodies, carrier})
+        bodies = sorted({*chosen_bodies(robot, given.bodies), carrier})
         chosen = replace(given.with_joints(), bodies=[robot.joint_names[i] for i in bodies])
-        rubbing, tried = list[str](), list[str]()
+        self._moving = np.flatnonzero(~np.isin(robot.joint_names, BASE_JOINTS))
+        self._near, tried = self._moving[:0], list[str]()
         if given.friction is None:
-            rubbing = [name for name in robot.joint_names if name not in BASE_JOINTS]
+            self._near = self._moving
             chosen = replace(chosen, effects=KINDS)
             if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
                 self.robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
@@ -278,7 +279,7 @@ class Estimator:
             ones = np.ones(robot.model.nv)
             friction = replace(self.robot.friction, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
-        self._near = np.flatnonzero(np.isin(robot.joint_names, rubbing))
+        rubbing = [robot.joint_names[j] for j in self._near]
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
@@ -339,7 +340,6 @@ class Estimator:
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        self._moving = ~np.isin(robot.joint_names, BASE_JOINTS)
         # what a state has learned at first
         none, e = np.zeros(robot.model.nv), len(self._order)
         self._nothing: dict[str, Any] = {
@@ -735,7 +735,7 @@ class Estimator:
         if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
             return ""
         gains = np.zeros(robot.model.nv)
-        for j in np.flatnonzero(self._moving):
+        for j in self._moving:
             step = _SHAKE * np.eye(len(gains))[j]
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, cell, html_page, write_json, write_text
+from .._output import Printed, Report, Table, html_page, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -391,7 +391,7 @@ class Identification(Printed):
         """
         of = self._record
         rows = [
-            (name.replace("_", " "), cell(value))
+            (name.replace("_", " "), value)
             for name, value in of.items()
             if isinstance(value, str | float | int) and name != "verdict"
         ]

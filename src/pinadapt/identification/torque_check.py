@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._output import Printed, Report, Table, cell
+from .._output import Printed, Report, Table
 from ..description.chain import angles_from_configuration
 from ..information.information import Information, rms
 from ..information.measured_motion import Averages, integrated
@@ -129,7 +129,7 @@ class TorqueCheck(Printed):
         """Return one row for each joint."""
         rows = [
             [
-                *map(cell, one[:5]),
+                *one[:5],
                 ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
             ]
             for one in self.joints
@@ -339,8 +339,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
     for hung in _mountings(motion):
         gravity = ",".join(f"{x + 0.0:.3g}" for x in hung.robot.model.gravity.linear)
         yield f"the base is mounted another way; --gravity={gravity}", hung
-    rest = np.zeros_like(motion.v)
-    weight = _each(motion._replace(v=rest, a=rest), pin.rnea)
+    weight = _each(motion._replace(v=0.0 * motion.v, a=0.0 * motion.a), pin.rnea)
     yield (
         "they are without gravity, which the arm adds; --compensated nominal",
         motion._replace(added=weight),

@@ -234,8 +234,8 @@ def frames(
     taken, x = measured_frames(measurements)
     times, first = np.unique(taken, return_index=True)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
-    kept, q, v = at_times(kinematics.robot.model, t, q, times)
-    m = kinematics.positions
+    model, m = kinematics.robot.model, kinematics.positions
+    kept, q, v = at_times(model, t, q.reshape(-1, model.nq), times)
     return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
 
@@ -363,8 +363,9 @@ def estimate_table(
 ) -> Table:
     """Return a row for each number (k): its name, its value, its uncertainty, its unit."""
     known = [f"+- {d:.2g}" if np.isfinite(d) else "not identifiable" for d in deviations]
-    rows = list(zip(names, (f"{value:.4g}" for value in values), known, units, strict=True))
-    return Table(rows, (what, "estimate", "known to", "unit"))
+    return Table(
+        list(zip(names, values, known, units, strict=True)), (what, "estimate", "known to", "unit")
+    )
 
 
 def identifiable(part: Information) -> str:

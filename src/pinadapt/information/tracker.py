@@ -81,7 +81,7 @@ class FoundTracker(Printed):
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
-            ("frames", f"{self.frames}"),
+            ("frames", self.frames),
             ("rms residual", f"{self.noise:.3g} m"),
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]

@@ -210,8 +210,8 @@ class ImportOptions:
                     f"expected a joint of the log for each of {names}, got {own}.",
                     where="import_options.joints",
                 )
-            order = joint_order(log.joints or names, own, log.source)
-            log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
+            found, wanted = (log.joints, own) if log.joints else (own, names)
+            log = log.ordered(joint_order(found, wanted, log.source), (signal,))
         return replace(log, joints=tuple(names)).of(robot)
 
     @property
