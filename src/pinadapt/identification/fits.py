@@ -66,7 +66,7 @@ def torque_fit(
         windows: the rows.
         stated: [A b] (k, p + 1) of equations A a = b beside them, whitened.
         bounds: (2, p) of the parameters; one beyond its bound is stated to be there.
-        gain: as of ``torque_information``.
+        gain: deviation from one of the factors by which the torques of the joints may be off.
     """
     noise, least = noise_levels(windows.tau)
     physical, a, near = replace(physical, weights=np.array([LIGHT])), physical.center, None
@@ -78,7 +78,8 @@ def torque_fit(
     nearest = np.clip(a, *bounds)
     beyond = np.abs(a - nearest) > _WEIGHED * np.abs(nearest)
     if not beyond.any():
-        return torque_information(a, windows, stated, gain=gain)
+        gains = np.ones(windows.tau.shape[1] if gain else 0)
+        return torque_information(a, windows, stated, gains, gain).of_first(a.size)
     rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
     stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
     others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
@@ -89,27 +90,10 @@ def torque_information(
     a: np.ndarray,
     windows: Windows,
     stated: np.ndarray,
-    *,
-    gain: float = 0.0,
-) -> Information:
-    """Return the information of windows at an estimate a (p), and of equations ``stated``.
-
-    The torques of each joint may be off by a factor whose deviation from one is ``gain``.
-    """
-    n = windows.tau.shape[1] if gain else 0
-    found = _with_gains(a, windows, stated, np.ones(n), gain)
-    # R is triangular: what is left without the gains
-    return Information(windows.names, a, found.R[n:, n:], found.c[n:])
-
-
-def _with_gains(
-    a: np.ndarray,
-    windows: Windows,
-    stated: np.ndarray,
     gains: np.ndarray,
     gain: float = GAIN,
 ) -> Information:
-    """Return the information on further gains (n), and on parameters at a (p).
+    """Return the information of windows on parameters at a (p), and after them on further gains.
 
     A gain scales the predicted torque: noise of the measured one would look like a gain.
 
@@ -120,16 +104,16 @@ def _with_gains(
         gains: (n) by which their torques were divided; none, and there are no further ones.
         gain: deviation of the whole gains from one.
     """
-    residual, n = windows.residual(a), len(gains)
+    residual, n, p = windows.residual(a), len(gains), len(a)
     noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
-    W = np.concatenate([columns, windows.W], axis=2)
+    W = np.concatenate([windows.W, columns], axis=2)
     data = (W / noise[:, None]).reshape(residual.size, -1)
-    prior = np.eye(n, n + len(a)) / gain
-    rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (n, 0)))])
+    prior = np.eye(n, p + n, p) / gain
+    rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (0, n)))])
     off = (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)
     y = np.concatenate([(residual / noise).ravel(), *off])
-    return Information(("",) * n + windows.names, np.append(np.ones(n), a), *square(rows, y))
+    return Information((*windows.names, *n * [""]), np.append(a, np.ones(n)), *square(rows, y))
 
 
 def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
@@ -234,12 +218,12 @@ def load_fit(
         stated[0, [size, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
         own = windows
         for _ in range(2):  # the first predicts torques with the wrong gains
-            step = _with_gains(found.estimate, own, stated, gains).refined()
-            gains = gains * step.estimate[: len(gains)]
+            step = torque_information(found.estimate, own, stated, gains).refined()
+            gains = gains * step.estimate[-len(gains) :]
             own = windows.over(gains)
             found = torque_fit(whole, own, stated, gain=GAIN)
         words = tuple(f"{name}.gain" for name in robot.joint_names)
-        R = np.diag(1.0 / step.deviations[: len(gains)])
+        R = np.diag(1.0 / step.deviations[-len(gains) :])
         known = Information(words, gains, R, 0.0 * gains)
     gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
     value, gradient[:, part] = of_load(robot, found.estimate[part])

@@ -187,7 +187,8 @@ class Identification(Printed):
         if not gain:
             return plain
         windows = self.windows.between(last=self.split) if self.tested else self.windows
-        found = torque_information(self.dynamic.estimate, windows, self.stated, gain=gain)
+        a, gains = self.dynamic.estimate, np.ones(windows.tau.shape[1])
+        found = torque_information(a, windows, self.stated, gains, gain).of_first(a.size)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
         return PayloadEstimate.of(own, known, plain.explained)

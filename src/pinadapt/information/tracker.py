@@ -125,7 +125,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     seen.check(y - X @ a, sigma, motion)
     known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
     prior = np.append(np.zeros(6), known[6:] ** -2)
-    rows = (X @ own.slopes(tracker)).reshape(*x.shape, len(names))
+    rows = X @ own.slopes(tracker)
     deviations = Information.of_rows(names, known, rows, 0.0 * x, sigma, prior).deviations
     return FoundTracker(
         tracker,
