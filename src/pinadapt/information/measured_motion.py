@@ -12,6 +12,7 @@ window, so that the low pass removes nothing that is compared.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -102,8 +103,9 @@ def measured_motion(
     are left out. Times may be uneven: the low pass runs at even ones, and its output is
     interpolated.
     """
-    from scipy.interpolate import make_interp_spline as spline  # here, because scipy is slow
-    from scipy.signal import butter, sosfiltfilt  # to import
+    # here, because scipy is slow to import
+    from scipy.interpolate import make_interp_spline
+    from scipy.signal import butter, sosfiltfilt
 
     moved, steps = differences(model, q), np.diff(t)[:, None]
     if v is not None:
@@ -117,11 +119,12 @@ def measured_motion(
     even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
     step = even[1] - even[0]
     low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
-    path = sosfiltfilt(low_pass, spline(t, travelled, k=1, check_finite=False)(even), axis=0)
+    linear = partial(make_interp_spline, k=1, check_finite=False)
+    path = sosfiltfilt(low_pass, linear(t, travelled)(even), axis=0)
     v = np.gradient(path, step, axis=0)
     parts = path, v, np.gradient(v, step, axis=0)
     settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    travelled, v, a = (spline(even, part, k=1, check_finite=False)(t[settled]) for part in parts)
+    travelled, v, a = (linear(even, part)(t[settled]) for part in parts)
     return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
 
 

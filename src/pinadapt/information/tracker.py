@@ -107,7 +107,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     seen = _Seen.of(own, samples)
     x, motion = seen.x, spread(seen.p)
     X, left, _ = seen.rows(a)
-    y = left + X @ a  # at any parameters: the rows are those of all
+    y = left + X @ a  # x is linear in the parameters, so X and y do not depend on these
     shape, lumped = (x.shape[1], -1), a.copy()
     lumped.reshape(shape)[:, :-1] = 0.0  # of which only the sizes are known beforehand
     prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(x)

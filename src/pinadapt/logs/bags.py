@@ -92,15 +92,15 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def _states(bag: Any, topic: str) -> Iterator[tuple[float, tuple[str, ...], tuple[Any, ...]]]:
+def _states(bag: Any, topic: str) -> Iterator[tuple[float, list[str], tuple[Any, ...]]]:
     """Yield time [s], names of joints, and their positions, velocities and efforts."""
     for t, message in _messages(bag, topic):
         if hasattr(message, "points"):  # a trajectory
             for one in message.points:
                 parts = one.positions, one.velocities, one.effort
-                yield t + _seconds(one.time_from_start), tuple(message.joint_names), parts
+                yield t + _seconds(one.time_from_start), message.joint_names, parts
         else:
-            yield t, tuple(message.name), (message.position, message.velocity, message.effort)
+            yield t, message.name, (message.position, message.velocity, message.effort)
 
 
 def _series(bag: Any, topic: str, wanted: list[str], path: Path) -> tuple[np.ndarray, np.ndarray]:
