@@ -36,7 +36,7 @@ from .._output import Printed, Report, Table, write_json
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, rms, spread
-from ..information.measured_motion import at_times
+from ..information.measured_motion import at_times, evenly
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import Source, read_log
 from ..logs.import_options import Options
@@ -326,7 +326,7 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
             "them.",
         )
     q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
-    chosen = np.unique(np.linspace(0, len(x) - 1, 2000).astype(int))
+    chosen = evenly(len(x), 2000)
     return _MeasuredFrames(TASKS["xyz" if sizes == {3} else "pose"], q[chosen], x[chosen])
 
 

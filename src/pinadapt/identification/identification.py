@@ -15,7 +15,7 @@ from .._checks import name_list, positive
 from ..controller.controller import Controller
 from ..controller.limits import SLIP, Limits
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import Averages, MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion, evenly
 from ..logs.formats import Source, read_log
 from ..logs.import_options import ImportOptions, Options
 from ..logs.log import Log, in_sequence, joined
@@ -247,8 +247,7 @@ def _online(
     """
     samples = zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
     measured = [Measurement(t, q, v, tau=tau) for t, q, v, tau in samples]
-    stops = {*np.linspace(0, len(measured) - 1, _TIMES).astype(int)}
-    stops.add(np.searchsorted(motion.t, split) - 1)
+    stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
     state, last, found = estimator.init(measured[0]), None, dict[float, Estimate]()
     for k in watched(range(1, len(measured)), progress, "online"):
         state = estimator.step(state, measured[k])

@@ -31,7 +31,7 @@ from threadpoolctl import threadpool_limits
 from .._output import Printed, Report, Table
 from ..description.chain import angles_from_configuration
 from ..information.information import Information, rms
-from ..information.measured_motion import Averages, integrated
+from ..information.measured_motion import Averages, evenly, integrated
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.bodies import ALL, BodyDynamics
@@ -238,7 +238,7 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     averages = Averages(motion.t, log.period)
     whole = np.flatnonzero(averages.whole)
     # twice as many windows give the same verdicts on the real logs
-    some = whole[np.unique(np.linspace(0, len(whole) - 1, 125).astype(int))]
+    some = whole[evenly(len(whole), 125)]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
     return _Motion(robot, *(averages.mean(part)[some] for part in parts))
 

@@ -27,7 +27,7 @@ from ..models.excited import Excited, TorqueErrors, scales
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import at_times, motion_of_samples
+from .measured_motion import at_times, evenly, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
@@ -440,7 +440,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
-    some = np.unique(np.linspace(0, len(motion.t) - 1, 400).astype(int))
+    some = evenly(len(motion.t), 400)
     q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None

@@ -163,6 +163,11 @@ def at_times(
     return within, integrated(model, q[k], rates * (times[within] - t[k])[:, None]), rates
 
 
+def evenly(count: int, most: int) -> np.ndarray:
+    """Return the indices of up to ``most`` of ``count`` samples, evenly chosen."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
 class Averages:
     """Averages of signals over the windows of a motion.
 
