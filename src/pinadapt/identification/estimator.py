@@ -453,10 +453,10 @@ class Estimator:
         return self._compare(state, self._weighted(state, sums[0]))
 
     def _weighted(self, state: EstimatorState, found: np.ndarray) -> np.ndarray:
-        """Return the window of sums (n, c + 3); joints at rest count by noise and friction.
+        """Return the window of sums (n, c + 3), in which a joint at rest counts less.
 
-        What stands has any friction up to c: over the share r of a window that leaves a deviation
-        r c of the torque.
+        What stands has any friction up to f: over the share r of a window that leaves a deviation
+        r f of the torque, beside its noise.
         """
         known, tau, rest = found[:, -3:].T
         a, (noise, _) = self._physical.center, noise_levels(tau[None])

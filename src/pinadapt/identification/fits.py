@@ -184,29 +184,28 @@ def load_fit(
     Raises:
         ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
-    size = dynamics.inertial.size
+    last = slice(dynamics.inertial.size - PER_BODY, dynamics.inertial.size)
     if robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
     t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
-    load = W[:, :, size - PER_BODY : size].copy()
+    load = W[:, :, last].copy()
     load[len(both[0].t) :] = 0.0
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
-        body_weights=np.append(np.ones(physical.bodies), FREE),
+        center=np.append(physical.center[last], physical.center),
+        body_weights=np.append(FREE, np.ones(physical.bodies)),
     )
-    names = (*dynamics.names[:size], *LABELS, *dynamics.names[size:])
-    W = np.insert(W, [size] * PER_BODY, load, axis=2)
+    names, W = (*LABELS, *dynamics.names), np.concatenate([load, W], axis=2)
     windows = both[0]._replace(t=t, W=W, y=y, tau=tau, names=names)
     gains, stated, known = np.ones(tau.shape[1]), np.zeros((0, len(names) + 1)), None
     found = torque_fit(whole, windows, stated, gain=GAIN)
     if mass is not None:
         alone = found.refined()  # which may be negative, where the logs are swapped
-        shown, off = alone.estimate[size], alone.deviations[size]
+        shown, off = alone.estimate[0], alone.deviations[0]
         if abs(shown - mass) > CERTAIN * off:
             raise ParameterError(
                 f"{mass:g} kg are stated, and the torques show {shown:.3g} +- {off:.2g} kg.",
@@ -215,7 +214,7 @@ def load_fit(
                 "off by more (--torque-gain)?",
             )
         stated = np.zeros((1, len(names) + 1))
-        stated[0, [size, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
+        stated[0, [0, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
         own = windows
         for _ in range(2):  # the first predicts torques with the wrong gains
             step = torque_information(found.estimate, own, stated, gains).refined()
@@ -225,8 +224,8 @@ def load_fit(
         words = tuple(f"{name}.gain" for name in robot.joint_names)
         R = np.diag(1.0 / step.deviations[-len(gains) :])
         known = Information(words, gains, R, 0.0 * gains)
-    gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
-    value, gradient[:, part] = of_load(robot, found.estimate[part])
+    found = found.of_first(PER_BODY)
+    value, gradient = of_load(robot, found.estimate)
     return PayloadEstimate.of(value, found.deviation(gradient)), known
 
 
