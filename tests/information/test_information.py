@@ -90,6 +90,11 @@ def test_a_parameter_without_effect_is_not_identifiable():
     assert np.isfinite(known["shoulder_lift_joint.mcx"])
 
 
+def test_without_unknown_lengths_none_are_identified():
+    found = run("scara", unknown="payload").excitation()
+    assert not found.kinematic.names and found.dynamic.rank > 0
+
+
 @pytest.mark.parametrize("camera", [False, True])
 def test_the_tool_is_identified_from_measured_positions(camera):
     rollout = run("panda", camera=camera)

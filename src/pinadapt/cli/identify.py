@@ -14,7 +14,7 @@ from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
 from ..identification.identification import identify as identify_log
 from ..identification.identification import log_and_robot
-from ..identification.report import FILES
+from ..identification.report import FILES, Identification
 from ..identification.torque_check import check_torques
 from ..logs.import_options import MOUNTS, REPEATED, SUFFIX, ImportOptions, place_beside
 from ..robot.loading import load
@@ -255,20 +255,7 @@ def identify(options: Namespace) -> int:
     except TorqueMismatchError as error:
         print(error.check)
         raise
-    missing = ""
-    try:
-        with one_run(folder, FILES) as beside:
-            found.save(beside, mjcf=options.mjcf, compared=compared)
-    except ParameterError as reason:
-        missing = str(reason)
-    finally:
-        print(found)  # even if it could not be written
-    print(f"\nwritten to {folder}")
-    if not found.trusted:
-        print(found.verdict)
-    if missing:
-        print(f"INCOMPLETE: {missing}")
-    return (Exit.INCOMPLETE if missing else Exit.DONE) if found.trusted else Exit.REFUSED
+    return _write(folder, FILES, found, mjcf=options.mjcf, compared=compared)
 
 
 def calibrate(options: Namespace) -> int:
@@ -283,13 +270,30 @@ def calibrate(options: Namespace) -> int:
         import_options=_import_options(options),
         **given(options, ("unknown", "tracker")),
     )
+    return _write(folder, calibration.FILES, found)
+
+
+def _write(
+    folder: Path,
+    files: Sequence[str],
+    found: Identification | calibration.Calibration,
+    **options: Any,
+) -> int:
+    """Write what was found, print its report, and what is missing or not to be trusted."""
+    missing = ""
     try:
-        with one_run(folder, calibration.FILES) as beside:
-            found.save(beside)
+        with one_run(folder, files) as beside:
+            found.save(beside, **options)
+    except ParameterError as reason:
+        missing = str(reason)
     finally:
         print(found)  # even if it could not be written
     print(f"\nwritten to {folder}")
-    return Exit.DONE if found.trusted else Exit.REFUSED
+    if not found.trusted:
+        print(found.verdict)
+    if missing:
+        print(f"INCOMPLETE: {missing}")
+    return (Exit.INCOMPLETE if missing else Exit.DONE) if found.trusted else Exit.REFUSED
 
 
 def _write_import_options(options: Namespace, source: Path, given: ImportOptions | None) -> int:

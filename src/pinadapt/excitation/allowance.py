@@ -81,16 +81,16 @@ class Shapes:
             if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed:
                 geometry.addCollisionPair(pin.CollisionPair(i, j))
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        whole, apart = cls(robot.model, geometry, np.zeros(0)), []
-        for (i, j), distance in zip(pairs, whole.distances(robot.q0[None])[0], strict=True):
-            if distance > _TOUCHING:
-                apart.append(distance)
-                continue
-            if links[j] == _FLOOR and joints[i] > 2:
-                raise _below(links[i], distance, robot)
-            geometry.removeCollisionPair(pin.CollisionPair(i, j))
-        margins = np.minimum(_APART * robot.reach, 0.5 * np.array(apart))
-        return replace(whole, margins=margins) if apart else None
+        whole = cls(robot.model, geometry, np.zeros(0))
+        (distances,) = whole.distances(robot.q0[None])
+        for (i, j), distance in zip(pairs, distances, strict=True):
+            if distance <= _TOUCHING:
+                if links[j] == _FLOOR and joints[i] > 2:
+                    raise _below(links[i], distance, robot)
+                geometry.removeCollisionPair(pin.CollisionPair(i, j))
+        apart = distances[distances > _TOUCHING]
+        margins = np.minimum(_APART * robot.reach, 0.5 * apart)
+        return replace(whole, margins=margins) if apart.size else None
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""

@@ -22,7 +22,7 @@ serial robots*, IEEE Trans. Robotics and Automation 6 (1990) 368-373, for the QR
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,10 +36,10 @@ from .._output import Printed, Report, Table, write_json
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, rms, spread
-from ..information.measured_motion import at_times
+from ..information.measured_motion import at_times, evenly
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
-from ..logs.formats import read_log
-from ..logs.import_options import ImportOptions
+from ..logs.formats import Source, read_log
+from ..logs.import_options import Options
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
@@ -47,8 +47,8 @@ from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
 from ..robot.loading import load
 from ..robot.robot import Robot
-from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
+from .logged_motion import several
 from .report import plain
 
 OFFSETS, JOINTS = "offsets", "joints"
@@ -202,12 +202,12 @@ class Calibration(Printed):
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
-    log: Path | str | Log | Rollout | Sequence[Any],
+    log: Source | Sequence[Any],
     robot: Robot | Path | str,
     *,
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
-    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: Options | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
 
@@ -238,7 +238,7 @@ def calibrate(
     words = name_list(unknown, "unknown")
     logs = [
         read_log(source, described, import_options=import_options, torques=False)
-        for source in (log if isinstance(log, list | tuple) else (log,))
+        for source in several(log)
     ]
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)
@@ -326,7 +326,7 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
             "them.",
         )
     q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
-    chosen = np.unique(np.linspace(0, len(x) - 1, 2000).astype(int))
+    chosen = evenly(len(x), 2000)
     return _MeasuredFrames(TASKS["xyz" if sizes == {3} else "pose"], q[chosen], x[chosen])
 
 
@@ -380,7 +380,7 @@ class _Unknown(NamedTuple):
         axes: (6, p) shift and turn, in the axes of what is placed.
         prior: (p) standard deviations of the description [m or rad].
         along: (p) whether they are along or about the axis of the joint.
-        tracked: (p) whether they are of the base in the axes of a tracker.
+        tracked: whether the first ones are of the base in the axes of a tracker.
     """
 
     names: tuple[str, ...]
@@ -388,7 +388,7 @@ class _Unknown(NamedTuple):
     axes: np.ndarray
     prior: np.ndarray
     along: np.ndarray
-    tracked: np.ndarray
+    tracked: bool
 
     @classmethod
     def of(
@@ -424,19 +424,19 @@ class _Unknown(NamedTuple):
                 if whole or (k == own and OFFSETS in words):
                     full = f"{name}.{_OWN if k == own else label}"
                     along = not tracked and k % 3 == own % 3
-                    found.append((full, joint, axes[:, k], prior[k], along, tracked))
+                    found.append((full, joint, axes[:, k], prior[k], along))
         if TOOL in words:  # a position does not show how a tool is turned
             prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
             for k in range(task.size):
-                found.append(
-                    (f"{TOOL}.{labels[k]}", model.njoints, np.eye(6)[k], prior[k], False, False)
-                )
+                name = f"{TOOL}.{labels[k]}"
+                found.append((name, model.njoints, np.eye(6)[k], prior[k], False))
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
             )
-        names, joints, columns, *others = zip(*found, strict=True)
-        return cls(names, np.array(joints), np.column_stack(columns), *map(np.array, others))
+        names, *parts = zip(*found, strict=True)
+        joints, columns, deviations, aligned = map(np.array, parts)
+        return cls(names, joints, columns.T, deviations, aligned, base is not None)
 
 
 # The chain that is moved
@@ -476,17 +476,18 @@ class _Geometry:
 
         That of a tracker is the placement of the base in its axes.
         """
-        found, axes, tracked = np.zeros(len(self.unknown.names)), *self.unknown[2::3]
+        found = np.zeros(len(self.unknown.names))
         for own, now, described in self._placements(self.described.model):
-            found[own] = axes[:, own].T @ _shift_and_turn(described.actInv(now))
-        found[tracked] = _shift_and_turn(self.tracker())[: np.count_nonzero(tracked)]
+            found[own] = self.unknown.axes[:, own].T @ _shift_and_turn(described.actInv(now))
+        if self.unknown.tracked:
+            found[:6] = _shift_and_turn(self.tracker())
         return found
 
     def robot(self, remark: str) -> Robot:
         """Return the described robot with these placements, but for that of the tracker."""
         model = self.described.model.copy()
         for own, now, place in self._placements(model):
-            if not self.unknown.tracked[own].any():
+            if not (self.unknown.tracked and own[0]):
                 place.translation, place.rotation = now.translation, now.rotation
         return replace(self.described, model=model, remark=remark)
 

@@ -66,20 +66,6 @@ _DRY = "coulomb", "gear_friction", "asymmetry"
 _GEAR = _DRY.index("gear_friction")
 
 
-class Window(NamedTuple):
-    """An average of the equations: W a = y.
-
-    Attributes:
-        W: (n, c) regressor.
-        y: (n) torque without its known part [N m or N].
-        tau: (n) torque [N m or N].
-    """
-
-    W: np.ndarray
-    y: np.ndarray
-    tau: np.ndarray
-
-
 class _Rows(NamedTuple):
     """The equations at a sample; columns are those of the parameters, tau less y, tau and rest.
 
@@ -118,7 +104,8 @@ class _Prediction(NamedTuple):
 class EstimatorState(NamedTuple):
     """All that an ``Estimator`` remembers; its arrays are never written.
 
-    Windows have c columns and y; equations have e: c, ten of the load, and y.
+    A window is an average [W y tau] (n, c + 2) of the equations W a = y, with the torque tau and y
+    without its known part. Equations have e columns: those of W, ten of the load, and y.
 
     Attributes:
         samples: the last ones, as many as positions are smoothed over.
@@ -147,8 +134,8 @@ class EstimatorState(NamedTuple):
     level: np.ndarray
     left: np.ndarray
     accepted: tuple[int, int, int]
-    recent: tuple[Window, ...]
-    pending: tuple[Window, ...]
+    recent: tuple[np.ndarray, ...]
+    pending: tuple[np.ndarray, ...]
     prediction: _Prediction | None
     load: np.ndarray | None
     stands: np.ndarray | None = None
@@ -277,13 +264,14 @@ class Estimator:
         self._held, given = flag(held, "held"), Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
-        carrier, bodies = robot.carriers[0], chosen_bodies(robot, given.bodies)
+        carrier = robot.carriers[0]
         self._alone = alone = given.bodies == PAYLOAD
-        bodies = sorted({*bodies, carrier})
+        bodies = sorted({*chosen_bodies(robot, given.bodies), carrier})
         chosen = replace(given.with_joints(), bodies=[robot.joint_names[i] for i in bodies])
-        rubbing, tried = list[str](), list[str]()
+        self._moving = np.flatnonzero(~np.isin(robot.joint_names, BASE_JOINTS))
+        self._near, tried = self._moving[:0], list[str]()
         if given.friction is None:
-            rubbing = [name for name in robot.joint_names if name not in BASE_JOINTS]
+            self._near = self._moving
             chosen = replace(chosen, effects=KINDS)
             if not robot.friction.shafts:  # a motor may turn with both joints of a wrist
                 self.robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
@@ -291,7 +279,7 @@ class Estimator:
             ones = np.ones(robot.model.nv)
             friction = replace(self.robot.friction, breakaway=ones, fading=FADING * ones)
             self.robot = replace(self.robot, friction=friction)
-        self._near = np.flatnonzero(np.isin(robot.joint_names, rubbing))
+        rubbing = [robot.joint_names[j] for j in self._near]
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
         self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
@@ -352,7 +340,6 @@ class Estimator:
         # under constraints fewer equations than joints are independent
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        self._moving = ~np.isin(robot.joint_names, BASE_JOINTS)
         # what a state has learned at first
         none, e = np.zeros(robot.model.nv), len(self._order)
         self._nothing: dict[str, Any] = {
@@ -465,11 +452,11 @@ class Estimator:
             return state
         return self._compare(state, self._weighted(state, sums[0]))
 
-    def _weighted(self, state: EstimatorState, found: np.ndarray) -> Window:
-        """Return a window (n, c + 3) in which a joint at rest counts by its noise and its friction.
+    def _weighted(self, state: EstimatorState, found: np.ndarray) -> np.ndarray:
+        """Return the window of sums (n, c + 3), in which a joint at rest counts less.
 
-        What stands has any friction up to c: over the share r of a window that leaves a deviation
-        r c of the torque.
+        What stands has any friction up to f: over the share r of a window that leaves a deviation
+        r f of the torque, beside its noise.
         """
         known, tau, rest = found[:, -3:].T
         a, (noise, _) = self._physical.center, noise_levels(tau[None])
@@ -478,7 +465,7 @@ class Estimator:
         coulomb = self.robot.friction.coulomb.copy()
         coulomb[self._near] = a[self._rubbing[:, 0]]
         weight = 1.0 / np.hypot(1.0, rest * coulomb / (noise + TINY))
-        return Window(weight[:, None] * found[:, :-3], weight * (tau - known), weight * tau)
+        return weight[:, None] * np.column_stack([found[:, :-3], tau - known, tau])
 
     def _checked(self, measurement: Measurement) -> Measurement:
         """Return a measurement as new arrays of finite floats."""
@@ -519,7 +506,7 @@ class Estimator:
         N = self._constraints.free(q, v, stands)[0] if robot.constraints else 1.0
         return _Rows(t, N, M, F)
 
-    def _compare(self, state: EstimatorState, found: Window) -> EstimatorState:
+    def _compare(self, state: EstimatorState, found: np.ndarray) -> EstimatorState:
         """Return the state after a window, added or set aside."""
         prediction = state.prediction
         if prediction is None or (not state.pending and self._agree([found], prediction)):
@@ -539,13 +526,13 @@ class Estimator:
             return self._add(state._replace(**self._nothing), later)
         return state
 
-    def _add(self, state: EstimatorState, windows: Sequence[Window]) -> EstimatorState:
+    def _add(self, state: EstimatorState, windows: Sequence[np.ndarray]) -> EstimatorState:
         """Return the state that learned from windows."""
         each = zip(state.products, self._each(windows), strict=True)
         total, present, _ = state.accepted
         state = state._replace(
             products=tuple(old + rows.T @ rows for old, rows in each),
-            level=sum((one.tau**2 for one in windows), state.level),
+            level=sum((one[:, -1] ** 2 for one in windows), state.level),
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
             pending=(),
@@ -611,9 +598,9 @@ class Estimator:
         S[self._carried, -1] = shares * load
         return S
 
-    def _each(self, windows: Sequence[Window]) -> list[np.ndarray]:
+    def _each(self, windows: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Return the equations (N, k) of each joint, of the columns that it has."""
-        rows = np.array([np.column_stack([one.W, one.y])[:, self._order] for one in windows])
+        rows = np.array(windows)[:, :, self._order]
         return [rows[:, j, at] for j, at in enumerate(self._places)]
 
     def _prior(self, state: EstimatorState) -> PhysicalSet:
@@ -635,15 +622,14 @@ class Estimator:
         B = self._map(state, a)
         return B.T @ (self._sums(state, noise) + state.past) @ B
 
-    def _left(self, state: EstimatorState, a: np.ndarray) -> list[np.ndarray]:
-        """Return w (k) of each joint: its equations times w are its residuals."""
-        w = self._map(state, a) @ np.append(-a, 1.0)
-        return [w[at] for at in self._places]
+    def _weights(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
+        """Return w (e): the equations times w are the residuals at a (p)."""
+        return np.asarray(self._map(state, a) @ np.append(-a, 1.0))
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
-        each = zip(self._left(state, a), state.products, strict=True)
-        return np.maximum([w @ one @ w for w, one in each], 0.0)
+        w, each = self._weights(state, a), zip(self._places, state.products, strict=True)
+        return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
@@ -655,13 +641,13 @@ class Estimator:
         free = max(count - fitted / len(first), 0.0) + OVERLAP
         return np.maximum(np.sqrt(squares / free), least)
 
-    def _lasting(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
-        """Return the factors (n) of the noise of windows that are not independent."""
+    def _lasting(self, state: EstimatorState, a: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Return noise (n), of windows that are not independent, as if they were."""
         if len(state.recent) < _EVERY:
-            return np.full(len(state.level), np.sqrt(OVERLAP) * self._repeated)
-        each = zip(self._each(state.recent), self._left(state, a), strict=True)
-        left = np.column_stack([rows @ w for rows, w in each])
-        return self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
+            return noise * np.sqrt(OVERLAP) * self._repeated
+        w, each = self._weights(state, a), zip(self._each(state.recent), self._places, strict=True)
+        left = np.column_stack([rows @ w[at] for rows, at in each])
+        return noise * self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
         """Return the estimate of least squares near the description, with its covariance."""
@@ -675,18 +661,12 @@ class Estimator:
             a = np.maximum(a, self._least)
             fitted = len(a) - WEIGHT * float(np.sum(X**2))
         noise = self._noise(state, a, fitted)
-        root, lasting = self._root(state, a, noise, T)
+        lasting = self._lasting(state, a, noise)
+        root = T @ _inverse(self._equations(state, lasting, a), T)
         w = np.column_stack([np.append(-a, 1.0), np.pad(root, ((0, 1), (0, 0)))])
         return _Prediction(a, self._map(state, a) @ w, noise, lasting, state.accepted[0])
 
-    def _root(
-        self, state: EstimatorState, a: np.ndarray, noise: np.ndarray, T: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return a root (p, p) of the covariance at a (p), and its noise (n), see ``_lasting``."""
-        lasting = noise * self._lasting(state, a)
-        return T @ _inverse(self._equations(state, lasting, a), T), lasting
-
-    def _agree(self, windows: Sequence[Window], prediction: _Prediction) -> bool:
+    def _agree(self, windows: Sequence[np.ndarray], prediction: _Prediction) -> bool:
         """Return whether windows are as predicted, within what is known of the parameters."""
         each = zip(self._each(windows), self._places, prediction.lasting, strict=True)
         both = np.concatenate([rows @ prediction.columns[at] / size for rows, at, size in each])
@@ -706,7 +686,7 @@ class Estimator:
             if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
                 a, noise = a_without, noise_without
         T, _ = self._prior(state).local(a)
-        root, _ = self._root(state, a, noise, T)
+        root = T @ _inverse(self._equations(state, self._lasting(state, a, noise), a), T)
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
@@ -739,7 +719,7 @@ class Estimator:
 
     def _robot(self, state: EstimatorState, a: np.ndarray) -> Robot:
         """Return the robot with parameters (p) and the load."""
-        found = self._map(state, a) @ np.append(-a, 1.0)
+        found = self._weights(state, a)
         found[self._own] += found[self._loaded]
         robot = self.dynamics.robot(-found[: self.dynamics.size], self.robot)
         breakaway = robot.friction.breakaway.copy()
@@ -755,7 +735,7 @@ class Estimator:
         if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
             return ""
         gains = np.zeros(robot.model.nv)
-        for j in np.flatnonzero(self._moving):
+        for j in self._moving:
             step = _SHAKE * np.eye(len(gains))[j]
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)

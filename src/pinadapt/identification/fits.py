@@ -13,7 +13,7 @@ Positions. The position of the task frame is linear in the unknown translations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import takewhile
 from typing import NamedTuple
@@ -48,7 +48,6 @@ FREE = 1e-2  # weight of a load like the last body, relative to the description 
 
 
 def torque_fit(
-    names: Sequence[str],
     physical: PhysicalSet,
     windows: Windows,
     stated: np.ndarray,
@@ -63,79 +62,58 @@ def torque_fit(
     the sum of the residual's autocorrelation, as its rows are not independent.
 
     Args:
-        names: of the parameters.
-        physical: the set of physical ones.
+        physical: the set of physical parameters.
         windows: the rows.
         stated: [A b] (k, p + 1) of equations A a = b beside them, whitened.
         bounds: (2, p) of the parameters; one beyond its bound is stated to be there.
-        gain: as of ``torque_information``.
+        gain: deviation from one of the factors by which the torques of the joints may be off.
     """
     noise, least = noise_levels(windows.tau)
     physical, a, near = replace(physical, weights=np.array([LIGHT])), physical.center, None
-    for _ in range(3 if names else 0):
-        rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), stated[:, :-1]])
+    for _ in range(3 if a.size else 0):
+        rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, a.size), stated[:, :-1]])
         y = np.append(windows.y / noise, stated[:, -1])
         a = near = physical_fit(rows, y, physical, gamma=WEIGHT, near=near)
         noise = np.maximum(rms(windows.residual(a), 0), least)
     nearest = np.clip(a, *bounds)
     beyond = np.abs(a - nearest) > _WEIGHED * np.abs(nearest)
     if not beyond.any():
-        return torque_information(names, a, windows, stated, gain=gain)
+        gains = np.ones(windows.tau.shape[1] if gain else 0)
+        return torque_information(a, windows, stated, gains, gain).of_first(a.size)
     rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
     stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
     others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
-    return torque_fit(names, physical, windows, stated, others, gain=gain)
+    return torque_fit(physical, windows, stated, others, gain=gain)
 
 
 def torque_information(
-    names: Sequence[str],
-    a: np.ndarray,
-    windows: Windows,
-    stated: np.ndarray,
-    *,
-    gain: float = 0.0,
-) -> Information:
-    """Return the information of windows at an estimate a (p), and of equations ``stated``.
-
-    The torques of each joint may be off by a factor whose deviation from one is ``gain``.
-    """
-    n = windows.tau.shape[1] if gain else 0
-    found = _with_gains(names, a, windows, stated, np.ones(n), gain)
-    # R is triangular: what is left without the gains
-    return Information(tuple(names), a, found.R[n:, n:], found.c[n:])
-
-
-def _with_gains(
-    names: Sequence[str],
     a: np.ndarray,
     windows: Windows,
     stated: np.ndarray,
     gains: np.ndarray,
     gain: float = GAIN,
 ) -> Information:
-    """Return the information on further gains (n), and on parameters at a (p).
+    """Return the information of windows on parameters at a (p), and after them on further gains.
 
     A gain scales the predicted torque: noise of the measured one would look like a gain.
 
     Args:
-        names: of the parameters.
-        a: (p) their estimate.
+        a: (p) estimate of the parameters.
         windows: the rows.
         stated: as of ``torque_fit``.
         gains: (n) by which their torques were divided; none, and there are no further ones.
         gain: deviation of the whole gains from one.
     """
-    residual, n = windows.residual(a), len(gains)
+    residual, n, p = windows.residual(a), len(gains), len(a)
     noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
-    W = np.concatenate([columns, windows.W], axis=2)
-    prior, off = np.zeros((2, n + len(a)))
-    prior[:n], off[:n] = gain**-2.0 if n else 0.0, 1.0 / gains - 1.0
-    at = np.append(np.ones(n), a)
-    found = Information.of_rows([""] * n + list(names), at, W, residual, noise, prior, off)
-    rows = np.vstack([found.R, np.pad(stated[:, :-1], ((0, 0), (n, 0)))])
-    R, c = square(rows, np.append(found.c, stated @ np.append(-a, 1.0)))
-    return replace(found, R=R, c=c)
+    W = np.concatenate([windows.W, columns], axis=2)
+    data = (W / noise[:, None]).reshape(residual.size, -1)
+    prior = np.eye(n, p + n, p) / gain
+    rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (0, n)))])
+    off = (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)
+    y = np.concatenate([(residual / noise).ravel(), *off])
+    return Information((*windows.names, *n * [""]), np.append(a, np.ones(n)), *square(rows, y))
 
 
 def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
@@ -206,29 +184,28 @@ def load_fit(
     Raises:
         ParameterError: the last body is not among the parameters, or the torques show another mass.
     """
-    size = dynamics.inertial.size
+    last = slice(dynamics.inertial.size - PER_BODY, dynamics.inertial.size)
     if robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
     t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
-    load = W[:, :, size - PER_BODY : size].copy()
+    load = W[:, :, last].copy()
     load[len(both[0].t) :] = 0.0
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
-        body_weights=np.append(np.ones(physical.bodies), FREE),
+        center=np.append(physical.center[last], physical.center),
+        body_weights=np.append(FREE, np.ones(physical.bodies)),
     )
-    names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
-    windows = both[0]._replace(t=t, W=W, y=y, tau=tau)
+    names, W = (*LABELS, *dynamics.names), np.concatenate([load, W], axis=2)
+    windows = both[0]._replace(t=t, W=W, y=y, tau=tau, names=names)
     gains, stated, known = np.ones(tau.shape[1]), np.zeros((0, len(names) + 1)), None
-    found = torque_fit(names, whole, windows, stated, gain=GAIN)
+    found = torque_fit(whole, windows, stated, gain=GAIN)
     if mass is not None:
         alone = found.refined()  # which may be negative, where the logs are swapped
-        shown, off = alone.estimate[size], alone.deviations[size]
+        shown, off = alone.estimate[0], alone.deviations[0]
         if abs(shown - mass) > CERTAIN * off:
             raise ParameterError(
                 f"{mass:g} kg are stated, and the torques show {shown:.3g} +- {off:.2g} kg.",
@@ -237,18 +214,18 @@ def load_fit(
                 "off by more (--torque-gain)?",
             )
         stated = np.zeros((1, len(names) + 1))
-        stated[0, [size, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
+        stated[0, [0, -1]] = np.array([1.0, mass]) / (_WEIGHED * mass)
         own = windows
         for _ in range(2):  # the first predicts torques with the wrong gains
-            step = _with_gains(names, found.estimate, own, stated, gains).refined()
-            gains = gains * step.estimate[: len(gains)]
+            step = torque_information(found.estimate, own, stated, gains).refined()
+            gains = gains * step.estimate[-len(gains) :]
             own = windows.over(gains)
-            found = torque_fit(names, whole, own, stated, gain=GAIN)
+            found = torque_fit(whole, own, stated, gain=GAIN)
         words = tuple(f"{name}.gain" for name in robot.joint_names)
-        R = np.diag(1.0 / step.deviations[: len(gains)])
+        R = np.diag(1.0 / step.deviations[-len(gains) :])
         known = Information(words, gains, R, 0.0 * gains)
-    gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
-    value, gradient[:, part] = of_load(robot, found.estimate[part])
+    found = found.of_first(PER_BODY)
+    value, gradient = of_load(robot, found.estimate)
     return PayloadEstimate.of(value, found.deviation(gradient)), known
 
 
@@ -285,7 +262,7 @@ def position_windows(
     within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, t)
     W, r = position_rows(kinematics, kinematics.initial, q, v, x[within])
     moved = r - r.mean(axis=0) if len(r) else r
-    return Windows(t[within], W, r + W @ kinematics.initial, moved, 0.0)
+    return Windows(t[within], W, r + W @ kinematics.initial, moved, kinematics.names)
 
 
 def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
@@ -294,7 +271,7 @@ def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
     What the motion does not identify stays as described.
     """
     a, reach = kinematics.initial, kinematics.robot.reach
-    return fitted(kinematics.names, a, windows.W, windows.residual(a), reach).refined()
+    return fitted(windows.names, a, windows.W, windows.residual(a), reach).refined()
 
 
 class Windows(NamedTuple):
@@ -305,6 +282,7 @@ class Windows(NamedTuple):
         W: (N, n, p) regressor.
         y: (N, n) torque without its known part [N m or N], or position [m].
         tau: (N, n) torque, or how far the frame moved.
+        names: of the parameters (p).
         length: of a window [s].
         repeated: root of n over the equations of a window that are independent.
     """
@@ -313,7 +291,8 @@ class Windows(NamedTuple):
     W: np.ndarray
     y: np.ndarray
     tau: np.ndarray
-    length: float
+    names: tuple[str, ...]
+    length: float = 0.0
     repeated: float = 1.0
 
     @classmethod
@@ -351,7 +330,8 @@ class Windows(NamedTuple):
         whole = averages.whole
         rows, tau = found.reshape(-1, n, size + 1)[whole], averages.mean(free)[whole]
         parts = averages.t[whole], rows[:, :, :size], tau - rows[:, :, size], tau
-        return cls(*parts, averages.length, float(np.sqrt(n / np.trace(P))))
+        repeated = float(np.sqrt(n / np.trace(P)))
+        return cls(*parts, dynamics.names, averages.length, repeated)
 
     def over(self, gains: np.ndarray) -> Windows:
         """Return the windows with the torques divided by gains (n)."""

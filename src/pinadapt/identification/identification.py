@@ -15,9 +15,9 @@ from .._checks import name_list, positive
 from ..controller.controller import Controller
 from ..controller.limits import SLIP, Limits
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import Averages, MeasuredMotion
-from ..logs.formats import read_log
-from ..logs.import_options import ImportOptions
+from ..information.measured_motion import Averages, MeasuredMotion, evenly
+from ..logs.formats import Source, read_log
+from ..logs.import_options import ImportOptions, Options
 from ..logs.log import Log, in_sequence, joined
 from ..models.joint_effects import KINDS
 from ..models.physical_fit import physical_set
@@ -26,7 +26,6 @@ from ..records import Measurement
 from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
-from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
@@ -41,7 +40,7 @@ from .fits import (
     position_windows,
     torque_fit,
 )
-from .logged_motion import motion_of_log
+from .logged_motion import motion_of_log, several
 from .report import Identification
 from .selection import choose_effects, with_shafts
 from .torque_check import check_torques, on_wall
@@ -53,7 +52,7 @@ _TIMES = 20  # at which estimates are asked for, for the picture
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def identify(
-    log: Path | str | Log | Rollout | Sequence[Any],
+    log: Source | Sequence[Any],
     robot: Robot | Path | str,
     *,
     test: Any = (),
@@ -62,7 +61,7 @@ def identify(
     total_mass: float | None = None,
     known_load: float | None = None,
     mass_bounds: Mapping[str, tuple[float, float]] | None = None,
-    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: Options | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
@@ -121,7 +120,7 @@ def identify(
             where="known_load",
             hint="Record the arm without the load too: --empty, in Python empty=...",
         )
-    sources, tests = _several(log), _several(test)
+    sources, tests = several(log), several(test)
     logs, all_options = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
@@ -193,7 +192,7 @@ def identify(
         unknown = replace(given, regressor="nominal").with_joints()
         controller = _controller(nominal, unknown)
     dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
-    names, physical = dynamics.names, physical_set(dynamics, nominal)
+    physical = physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model, constraints)
     weighed = mass_equation(dynamics, nominal, total_mass)
     bounds = bounds_of_masses(dynamics, mass_bounds)
@@ -218,9 +217,9 @@ def identify(
         windows=windows,
         rows=seen,
         split=split,
-        dynamic=torque_fit(names, physical, first if tests else windows, weighed, bounds),
+        dynamic=torque_fit(physical, first if tests else windows, weighed, bounds),
         kinematic=located,
-        before_split=torque_fit(names, physical, first, weighed, bounds).estimate,
+        before_split=torque_fit(physical, first, weighed, bounds).estimate,
         unknown=unknown,
         effects=effects,
         position_before_split=position_fit(kinematics, seen_first).estimate,
@@ -233,11 +232,6 @@ def identify(
         stated=weighed,
         import_options=all_options[0],
     )
-
-
-def _several(given: Any) -> tuple[Any, ...]:
-    """Return one or several logs as a tuple."""
-    return tuple(given) if isinstance(given, list | tuple) else (given,)
 
 
 def _online(
@@ -253,8 +247,7 @@ def _online(
     """
     samples = zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
     measured = [Measurement(t, q, v, tau=tau) for t, q, v, tau in samples]
-    stops = {*np.linspace(0, len(measured) - 1, _TIMES).astype(int)}
-    stops.add(np.searchsorted(motion.t, split) - 1)
+    stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
     state, last, found = estimator.init(measured[0]), None, dict[float, Estimate]()
     for k in watched(range(1, len(measured)), progress, "online"):
         state = estimator.step(state, measured[k])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,11 @@ from ..robot.robot import Robot
 # Relative difference, root mean square, up to which measured velocities are those of the positions.
 # Trapezoids over the longer periods of logs differ by themselves, at 50 Hz by about 1e-3.
 _TOLERANCE = 5e-3
+
+
+def several(given: Any) -> tuple[Any, ...]:
+    """Return one or several logs as a tuple."""
+    return tuple(given) if isinstance(given, list | tuple) else (given,)
 
 
 def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:

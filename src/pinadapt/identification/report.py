@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, cell, html_page, write_json, write_text
+from .._output import Printed, Report, Table, html_page, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -187,8 +187,8 @@ class Identification(Printed):
         if not gain:
             return plain
         windows = self.windows.between(last=self.split) if self.tested else self.windows
-        names, a = self.dynamic.names, self.dynamic.estimate
-        found = torque_information(names, a, windows, self.stated, gain=gain)
+        a, gains = self.dynamic.estimate, np.ones(windows.tau.shape[1])
+        found = torque_information(a, windows, self.stated, gains, gain).of_first(a.size)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
         return PayloadEstimate.of(own, known, plain.explained)
@@ -392,7 +392,7 @@ class Identification(Printed):
         """
         of = self._record
         rows = [
-            (name.replace("_", " "), cell(value))
+            (name.replace("_", " "), value)
             for name, value in of.items()
             if isinstance(value, str | float | int) and name != "verdict"
         ]

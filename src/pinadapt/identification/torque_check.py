@@ -28,10 +28,10 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._output import Printed, Report, Table, cell
+from .._output import Printed, Report, Table
 from ..description.chain import angles_from_configuration
 from ..information.information import Information, rms
-from ..information.measured_motion import Averages, integrated
+from ..information.measured_motion import Averages, evenly, integrated
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.bodies import ALL, BodyDynamics
@@ -129,7 +129,7 @@ class TorqueCheck(Printed):
         """Return one row for each joint."""
         rows = [
             [
-                *map(cell, one[:5]),
+                *one[:5],
                 ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
             ]
             for one in self.joints
@@ -238,7 +238,7 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     averages = Averages(motion.t, log.period)
     whole = np.flatnonzero(averages.whole)
     # twice as many windows give the same verdicts on the real logs
-    some = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), 125)).astype(int))]
+    some = whole[evenly(len(whole), 125)]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
     return _Motion(robot, *(averages.mean(part)[some] for part in parts))
 
@@ -251,7 +251,8 @@ class _Fit(NamedTuple):
         factor, correlation: see the module.
         judged: whether the description predicts enough of each joint.
         fits: whether each joint is as described, as far as it is judged.
-        left: what neither the description nor friction and rotor explain, a share of the torque.
+        left: what neither the description nor friction and rotor explain, a share of the torque,
+            beside what no description explains.
         price: squared size of the errors of bodies and load, per independent row.
         load: that explains what is left of the torques, if it is surely not zero [kg].
     """
@@ -268,7 +269,7 @@ class _Fit(NamedTuple):
     @property
     def score(self) -> float:
         """The sum of log(residual^2) over the joints, and the price of errors of the bodies."""
-        return float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum()) + self.price
+        return float(np.log(self.left**2).sum()) + self.price
 
 
 def _each(motion: _Motion, function: Any) -> np.ndarray:
@@ -292,8 +293,7 @@ def _fit(motion: _Motion) -> _Fit:
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
     none, fit = np.zeros(len(scale)), bare
     for _ in range(2):
-        noise = math.sqrt(len(tau) / _WORTH) * np.hypot(fit.left, _LEAST_RESIDUAL)
-        noise *= rms(motion.tau, 0)
+        noise = math.sqrt(len(tau) / _WORTH) * fit.left * rms(motion.tau, 0)
         W, r = rows[..., :-1], rows[..., -1]
         found = Information.of_rows([""] * none.size, none, W, r, noise, 1.0).refined()
         x = found.estimate
@@ -329,6 +329,7 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
     inside = (factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (correlation >= _LEAST)
     left = [nnls(*each)[1] for each in zip(motion.drives, (tau - d).T, strict=True)]
     shares = np.minimum(left / np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS), 1.0)
+    shares = np.hypot(shares, _LEAST_RESIDUAL)
     return _Fit(size / math.sqrt(len(tau)), factor, correlation, judged, ~judged | inside, shares)
 
 
@@ -338,8 +339,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
     for hung in _mountings(motion):
         gravity = ",".join(f"{x + 0.0:.3g}" for x in hung.robot.model.gravity.linear)
         yield f"the base is mounted another way; --gravity={gravity}", hung
-    rest = np.zeros_like(motion.v)
-    weight = _each(motion._replace(v=rest, a=rest), pin.rnea)
+    weight = _each(motion._replace(v=0.0 * motion.v, a=0.0 * motion.a), pin.rnea)
     yield (
         "they are without gravity, which the arm adds; --compensated nominal",
         motion._replace(added=weight),
@@ -374,7 +374,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
         motion._replace(tau=-motion.tau),
     )
     bare = _compared(motion, motion.tau, _each(motion, pin.rnea))
-    noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
+    noise = bare.left * rms(motion.tau, 0)
     for j, name in enumerate(names):
         off = np.zeros(len(names))
         for _ in range(3):  # steps of Gauss-Newton

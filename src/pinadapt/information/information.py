@@ -27,7 +27,7 @@ from ..models.excited import Excited, TorqueErrors, scales
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import at_times, motion_of_samples
+from .measured_motion import at_times, evenly, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
@@ -124,6 +124,12 @@ class Information:
         less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
         return replace(self, R=self.R - less @ self.R, c=self.c - less @ self.c)
 
+    def of_first(self, count: int) -> Information:
+        """Return the information on the first parameters, whatever the others are."""
+        U, _, _ = replace(self, R=self.R[:, count:])._singular
+        R, c = (part - U @ (U.T @ part) for part in (self.R[:, :count], self.c))
+        return Information(self.names[:count], self.estimate[:count], R, c)
+
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
 
@@ -194,7 +200,7 @@ def position_information(
     A late frame is compared with the configuration at the time when it was taken.
     """
     kinematics = controller.kinematics
-    measurements = [sample.measurement for sample in samples if kinematics.size]
+    measurements = [sample.measurement for sample in samples]
     W, r = position_rows(kinematics, state.a_k, *frames(kinematics, measurements))
     return fitted(kinematics.names, state.a_k, W, r, kinematics.robot.reach)
 
@@ -228,8 +234,8 @@ def frames(
     taken, x = measured_frames(measurements)
     times, first = np.unique(taken, return_index=True)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
-    kept, q, v = at_times(kinematics.robot.model, t, q, times)
-    m = kinematics.positions
+    model, m = kinematics.robot.model, kinematics.positions
+    kept, q, v = at_times(model, t, q.reshape(-1, model.nq), times)
     return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
 
@@ -357,8 +363,9 @@ def estimate_table(
 ) -> Table:
     """Return a row for each number (k): its name, its value, its uncertainty, its unit."""
     known = [f"+- {d:.2g}" if np.isfinite(d) else "not identifiable" for d in deviations]
-    rows = list(zip(names, (f"{value:.4g}" for value in values), known, units, strict=True))
-    return Table(rows, (what, "estimate", "known to", "unit"))
+    return Table(
+        list(zip(names, values, known, units, strict=True)), (what, "estimate", "known to", "unit")
+    )
 
 
 def identifiable(part: Information) -> str:
@@ -433,7 +440,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
-    some = np.unique(np.linspace(0, len(motion.t) - 1, 400).astype(int))
+    some = evenly(len(motion.t), 400)
     q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None

@@ -12,6 +12,7 @@ window, so that the low pass removes nothing that is compared.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -102,7 +103,9 @@ def measured_motion(
     are left out. Times may be uneven: the low pass runs at even ones, and its output is
     interpolated.
     """
-    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
+    # here, because scipy is slow to import
+    from scipy.interpolate import make_interp_spline
+    from scipy.signal import butter, sosfiltfilt
 
     moved, steps = differences(model, q), np.diff(t)[:, None]
     if v is not None:
@@ -116,22 +119,19 @@ def measured_motion(
     even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
     step = even[1] - even[0]
     low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
-    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
+    linear = partial(make_interp_spline, k=1, check_finite=False)
+    path = sosfiltfilt(low_pass, linear(t, travelled)(even), axis=0)
     v = np.gradient(path, step, axis=0)
     parts = path, v, np.gradient(v, step, axis=0)
     settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    travelled, v, a = (_at(t[settled], even, part) for part in parts)
+    travelled, v, a = (linear(even, part)(t[settled]) for part in parts)
     return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
-
-
-def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
-    return np.column_stack([np.interp(t, times, column) for column in values.T])
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
-    return np.array([pin.difference(model, *ends) for ends in pairwise(q)])
+    moved = [pin.difference(model, *ends) for ends in pairwise(q)]
+    return np.array(moved).reshape(-1, model.nv)
 
 
 def integrated(model: pin.Model, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
@@ -159,10 +159,13 @@ def at_times(
     earlier, not_later = (np.searchsorted(t, times, side=side) for side in ("left", "right"))
     within = (not_later > 0) & (earlier < len(t)) & (len(t) > 1)
     k = np.minimum(not_later[within], len(t) - 1) - 1
-    steps = t[k + 1] - t[k]
-    moved = [pin.difference(model, q[i], q[i + 1]) for i in k]
-    rates = np.array(moved).reshape(-1, model.nv) / steps[:, None]
+    rates = differences(model, q)[k] / np.diff(t)[k, None]
     return within, integrated(model, q[k], rates * (times[within] - t[k])[:, None]), rates
+
+
+def evenly(count: int, most: int) -> np.ndarray:
+    """Return the indices of up to ``most`` of ``count`` samples, evenly chosen."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
 class Averages:

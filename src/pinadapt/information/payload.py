@@ -108,9 +108,9 @@ def payload_estimate(
 ) -> PayloadEstimate:
     """Return the load that best explains the change of the bodies, estimated less known.
 
-    Let D be that change and H its information. The load is the d that minimises
-    (D - E d)^T H (D - E d), where E d changes the last body and the coefficients of the joints.
-    If only the last body was unknown, d = D. What neither load nor arm explain is taken for noise
+    Let D be that change and H its information whatever the coefficients of the joints are. The
+    load is the d that minimises (D - E d)^T H (D - E d), where E d changes the last body. If only
+    the last body was unknown, d = D. What neither load nor arm explain is taken for noise
     and increases the uncertainty.
 
     Args:
@@ -122,7 +122,7 @@ def payload_estimate(
         ParameterError: the last body is not among the parameters.
         RobotError: there are several task frames.
     """
-    robot, names = described_robot(controller), list(found.names)
+    robot = described_robot(controller)
     robot.check_single_frame()
     last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
     if not set(last) <= set(controller.dynamics.names):
@@ -131,15 +131,16 @@ def payload_estimate(
             where="payload",
             hint='Adapt it: dynamic = "all" or "payload".',
         )
-    joints = list(range(prior.size, len(names)))
-    part = [*(names.index(name) for name in last), *joints]
-    change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
-    load, rest = _explained(change, part)
-    _, rest_without_load = _explained(change, joints)
-    value, gradient = of_load(robot, load.estimate[:PER_BODY])
-    deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
-    share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
-    return PayloadEstimate.of(value, deviation, share)
+    change = prior.change(found).marginalised(prior.root)
+    whole, R, D = change.R @ change.estimate, change.R[:, -PER_BODY:], change.estimate[-PER_BODY:]
+    load = Information(tuple(last), D, R, whole - R @ D).refined()
+    left = whole - R @ load.estimate
+    squared, squared_without_load = float(left @ left), float(whole @ whole)
+    noise = np.sqrt(max(squared / max(change.rank - load.rank, 1), 1.0))  # in parts of that
+    load = replace(load, R=R / noise, c=(change.c + left) / noise)
+    value, gradient = of_load(robot, load.estimate)
+    share = 1.0 - squared / squared_without_load if squared_without_load > 0.0 else 1.0
+    return PayloadEstimate.of(value, load.deviation(gradient), share)
 
 
 def payload_of_uncertain_arm(
@@ -164,19 +165,6 @@ def payload_of_uncertain_arm(
     value, known = payload_estimate(controller, found, likeliest).numbers
     own, _ = plain.numbers
     return PayloadEstimate.of(own, np.hypot(known, value - own), plain.explained)
-
-
-def _explained(change: Information, part: list[int]) -> tuple[Information, float]:
-    """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
-    rest = change.estimate.copy()
-    rest[part] = 0.0
-    names = tuple(change.names[i] for i in part)
-    fit = Information(names, change.estimate[part], change.R[:, part], change.R @ rest).refined()
-    rest[part] = change.estimate[part] - fit.estimate
-    left = change.R @ rest
-    squared = float(left @ left)
-    noise = np.sqrt(max(squared / max(change.rank - fit.rank, 1), 1.0))  # in parts of that
-    return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
 def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -209,17 +197,15 @@ def usual_load(robot: Robot) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ArmPrior:
-    """What is known of all bodies of an arm before a load; the joints' coefficients are free.
+    """What is known of all bodies of an arm before a load; nothing of the joints' coefficients.
 
     Attributes:
-        mean: (p) of bodies, and of joints as described.
-        root: (p, k) L of the covariance L L^T of the bodies, zero for the joints.
-        size: number of the bodies' parameters, after which the joints' coefficients come.
+        mean: (p) of the bodies' parameters, after which the joints' coefficients come.
+        root: (p, k) L of their covariance L L^T.
     """
 
     mean: np.ndarray
     root: np.ndarray
-    size: int
 
     @classmethod
     def of(cls, robot: Robot, dynamics: Dynamics, share: float) -> ArmPrior:
@@ -228,8 +214,8 @@ class ArmPrior:
         Raises:
             ParameterError: the description has bodies without inertia.
         """
-        mean, size = described_values(dynamics, robot), dynamics.inertial.size
-        root = np.zeros((dynamics.size, size + 1))
+        size = dynamics.inertial.size
+        mean, root = described_values(dynamics, robot)[:size], np.zeros((size, size + 1))
         if share:
             covariance = prior_covariance(robot, dynamics)
             if covariance is None:
@@ -239,9 +225,9 @@ class ArmPrior:
                     where="arm",
                     hint="State the robot's mass when it is loaded, or leave arm out.",
                 )
-            root[:size, :size] = share / INERTIA * np.linalg.cholesky(covariance)
-            root[:size, size] = share * mean[:size]  # all together, such as a wrong total mass
-        return cls(mean, root, size)
+            root[:, :size] = share / INERTIA * np.linalg.cholesky(covariance)
+            root[:, size] = share * mean  # all together, such as a wrong total mass
+        return cls(mean, root)
 
     @classmethod
     def likeliest(cls, robot: Robot, dynamics: Dynamics, found: Information) -> ArmPrior:
@@ -255,16 +241,18 @@ class ArmPrior:
             dynamics: of all bodies, see ``whole_arm``.
             found: information of the run about all of them.
         """
-        if prior_covariance(robot, dynamics) is None:
+        try:
+            plain = cls.of(robot, dynamics, 1.0)
+        except ParameterError:
             return cls.of(robot, dynamics, 0.0)
-        plain = cls.of(robot, dynamics, 1.0)
-        pi, load = usual_load(robot), np.zeros((dynamics.size, PER_BODY))
-        load[plain.size - PER_BODY : plain.size] = PhysicalSet(1, pi).local(pi)[0]
-        R, c = plain._equations(found)
+        pi = usual_load(robot)
+        change = plain.change(found)
+        c = change.c + change.R @ change.estimate
+        load, arm = change.R[:, -PER_BODY:] @ PhysicalSet(1, pi).local(pi)[0], change.R @ plain.root
 
         def deviance(share: float) -> float:
             """Return -2 log of the evidence of a share, but for a constant."""
-            U, s, _ = np.linalg.svd(R @ np.hstack([load, share * plain.root]), full_matrices=False)
+            U, s, _ = np.linalg.svd(np.hstack([load, share * arm]), full_matrices=False)
             return float(np.sum(np.log1p(s**2)) - s**2 / (1.0 + s**2) @ (U.T @ c) ** 2)
 
         from scipy.optimize import minimize_scalar  # here, because scipy is slow to import
@@ -272,16 +260,15 @@ class ArmPrior:
         share = float(minimize_scalar(deviance, bounds=(0.0, INERTIA), method="bounded").x)
         return replace(plain, root=share * plain.root)
 
-    def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
-        """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
-        R, c = found.R, found.c
-        Q, _ = np.linalg.qr(R[:, self.size :])
-        R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
-        return R, c + R @ (found.estimate - self.mean)
+    def change(self, found: Information) -> Information:
+        """Return the information on the bodies less their mean, whatever the coefficients are."""
+        bodies = found.of_first(len(self.mean))
+        return replace(bodies, estimate=bodies.estimate - self.mean)
 
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
-        R, c = self._equations(found)
+        change = self.change(found)
+        R, c = change.R, change.c + change.R @ change.estimate
         _, s, Vt = np.linalg.svd(R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)

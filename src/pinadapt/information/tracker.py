@@ -81,7 +81,7 @@ class FoundTracker(Printed):
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
-            ("frames", f"{self.frames}"),
+            ("frames", self.frames),
             ("rms residual", f"{self.noise:.3g} m"),
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
@@ -107,26 +107,25 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     seen = _Seen.of(own, samples)
     x, motion = seen.x, spread(seen.p)
     X, left, _ = seen.rows(a)
+    y = left + X @ a  # x is linear in the parameters, so X and y do not depend on these
     shape, lumped = (x.shape[1], -1), a.copy()
     lumped.reshape(shape)[:, :-1] = 0.0  # of which only the sizes are known beforehand
     prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(x)
-    found = Information.of_rows(own.names, lumped, X, left + X @ (a - lumped), prior=prior)
+    found = Information.of_rows(own.names, lumped, X, y - X @ lumped, prior=prior)
     lumped = found.refined().estimate
     check_axes(lumped.reshape(shape)[:, :3], x, motion)
     tracker, W = own.tracker(lumped), X.reshape(-1, a.size)
-    y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *own.columns.names)
     for _ in range(4):  # in which the noise is found
-        sigma = seen.noise(seen.rows(own.parameters(tracker))[1], len(names))
-        both = W.T @ W / sigma**2, W.T @ y / sigma**2
+        sigma = seen.noise(y - X @ own.parameters(tracker), len(names))
+        both = W.T @ W / sigma**2, W.T @ y.ravel() / sigma**2
         tracker, told = own.explaining_tracker(*both, tracker)
     a = own.parameters(tracker)
-    _, left, _ = seen.rows(a)
-    seen.check(left, sigma, motion)
+    seen.check(y - X @ a, sigma, motion)
     known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
     prior = np.append(np.zeros(6), known[6:] ** -2)
-    rows = (X @ own.slopes(tracker)).reshape(*x.shape, len(names))
+    rows = X @ own.slopes(tracker)
     deviations = Information.of_rows(names, known, rows, 0.0 * x, sigma, prior).deviations
     return FoundTracker(
         tracker,
@@ -219,15 +218,14 @@ class _Seen(NamedTuple):
             )
         return cls(kinematics, q, v, x, p)
 
-    def rows(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def rows(self, a: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return slopes (N, m_p, p), residuals and rates (N, m_p) at parameters a (p)."""
         kept = []
         for q, v, y in zip(self.q, self.v, self.x, strict=True):
             self.kinematics.update(a, q, v)
             rate = self.kinematics.xd_hat[: len(y)]
             kept.append((self.kinematics.X_k, y - self.kinematics.p_hat, rate))
-        X_k, left, rates = (np.array(column) for column in zip(*kept, strict=True))
-        return X_k, left, rates
+        return tuple(np.array(column) for column in zip(*kept, strict=True))
 
     def noise(self, residual: np.ndarray, parameters: int) -> float:
         """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""

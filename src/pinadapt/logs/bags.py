@@ -37,7 +37,7 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """
     reader = optional("rosbags.highlevel", "bags", str(path), LogError)
     types = optional("rosbags.typesys", "bags", str(path), LogError)
-    frames: dict[str, Any] = {}
+    x = x_time = None
     # for messages whose types it does not hold
     store = types.Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else types.Stores.ROS2_HUMBLE
     with reader.AnyReader([path], default_typestore=types.get_typestore(store)) as bag:
@@ -50,14 +50,15 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
             parts += [f"{rotation}.{axis}" for axis in "xyzw" if rotation]
             of = attrgetter(*parts)
             found = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
-            frames = {"x": found[:, 1:], "x_time": found[:, 0] - t[0]}
+            x, x_time = found[:, 1:], found[:, 0] - t[0]
     return Log(
         t - t[0],
         q,
         tau,
         v if np.isfinite(v).any() else None,
         tuple(joints),
-        **frames,
+        x,
+        x_time,
         source=str(path),
     )
 
@@ -92,15 +93,15 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def _states(bag: Any, topic: str) -> Iterator[tuple[float, tuple[str, ...], tuple[Any, ...]]]:
+def _states(bag: Any, topic: str) -> Iterator[tuple[float, list[str], tuple[Any, ...]]]:
     """Yield time [s], names of joints, and their positions, velocities and efforts."""
     for t, message in _messages(bag, topic):
         if hasattr(message, "points"):  # a trajectory
             for one in message.points:
                 parts = one.positions, one.velocities, one.effort
-                yield t + _seconds(one.time_from_start), tuple(message.joint_names), parts
+                yield t + _seconds(one.time_from_start), message.joint_names, parts
         else:
-            yield t, tuple(message.name), (message.position, message.velocity, message.effort)
+            yield t, message.name, (message.position, message.velocity, message.effort)
 
 
 def _series(bag: Any, topic: str, wanted: list[str], path: Path) -> tuple[np.ndarray, np.ndarray]:

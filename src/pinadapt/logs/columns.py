@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,20 +61,25 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
     )
 
 
+@dataclass
 class _Columns:
     """The columns of a file, by signal and joint.
 
     Attributes:
+        table, joints, options, source: as of ``log_of_columns``.
         by_name: whether columns were found by names of joints, so that they are in their order.
     """
 
-    def __init__(
-        self, table: Table, joints: Sequence[str], options: ImportOptions, source: str
-    ) -> None:
-        self._table, self._joints, self._source = table, list(joints), source
-        self._stated = {key: name_list(names, "columns") for key, names in options.columns.items()}
-        self._known = {name.strip().lower(): table[name] for name in reversed(list(table))}
-        self.by_name = False
+    table: Table
+    joints: Sequence[str]
+    options: ImportOptions
+    source: str
+    by_name: bool = False
+
+    @cached_property
+    def _known(self) -> dict[str, np.ndarray]:
+        """The columns by their names in lower case, of several the first."""
+        return {name.strip().lower(): self.table[name] for name in reversed(list(self.table))}
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
@@ -89,12 +96,12 @@ class _Columns:
         """Return a signal of the joints (N, n), None where there is none."""
         if (whole := self._whole(signal, 2)) is not None:
             return whole
-        labels, joints = self._labels(signal), [name.lower() for name in self._joints]
+        labels, joints = self._labels(signal), [name.lower() for name in self.joints]
         if signal == "q":  # a column may be called after its joint alone
             labels = {name: name for name in joints if name in self._known} | labels
         names = list(labels)
         try:
-            order = joint_order(names, joints, self._source)
+            order = joint_order(names, joints, self.source)
         except LogError:
             if set(joints) & set(names):
                 raise
@@ -104,8 +111,8 @@ class _Columns:
 
     def _whole(self, signal: str, dimensions: int) -> np.ndarray | None:
         """Return the columns that the user named for a signal, or an array called after it."""
-        stated = self._stated.get(signal)
-        if stated is not None:
+        if signal in self.options.columns:
+            stated = name_list(self.options.columns[signal], "columns")
             return self._stacked(self._written_out(stated))
         arrays = (self._known[name] for name in NAMES[signal].split() if name in self._known)
         return next((one for one in arrays if one.ndim == dimensions), None)
@@ -114,8 +121,8 @@ class _Columns:
         """Return names of columns with the * and with ranges such as ``2-8`` written out."""
         if len(names) == 1 and "*" in names[0]:
             form = re.compile("(.+)".join(map(re.escape, names[0].split("*", 1))))
-            labels = {match[1]: name for name in self._table if (match := form.fullmatch(name))}
-            order = joint_order(list(labels), self._joints, self._source)
+            labels = {match[1]: name for name in self.table if (match := form.fullmatch(name))}
+            order = joint_order(list(labels), self.joints, self.source)
             return [list(labels.values())[k] for k in order]
         found: list[str] = []
         for name in names:
@@ -140,13 +147,13 @@ class _Columns:
         Raises:
             LogError: there is none of a name.
         """
-        known = {**self._known, **self._table}
+        known = {**self._known, **self.table}
         for name in names:
             if name not in known:
                 raise LogError(
-                    f"there is no column '{name}'; there are {list(self._table)}."
-                    f"{did_you_mean(name, self._table)}",
-                    where=self._source,
+                    f"there is no column '{name}'; there are {list(self.table)}."
+                    f"{did_you_mean(name, self.table)}",
+                    where=self.source,
                 )
         parts = [known[name] for name in names]
         return parts[0] if len(parts) == 1 and parts[0].ndim == 2 else np.column_stack(parts)

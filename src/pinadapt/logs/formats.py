@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from .bags import read_bag
 from .columns import log_of_columns
-from .import_options import ImportOptions
+from .import_options import ImportOptions, Options
 from .log import Log, check, repeated
 
 
@@ -114,11 +114,14 @@ FORMATS: Mapping[str, Callable[[Path, Sequence[str], ImportOptions], Log]] = {
 }
 
 
+Source: TypeAlias = Path | str | Log | Rollout  # of a log
+
+
 def read_log(
-    source: Path | str | Log | Rollout,
+    source: Source,
     robot: Robot,
     *,
-    import_options: ImportOptions | Mapping[str, Any] | Path | str | None = None,
+    import_options: Options | None = None,
     torques: bool = True,
 ) -> Log:
     """Return a recorded motion of a robot, checked, its columns in the order of the joints.

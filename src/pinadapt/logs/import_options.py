@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import tomlkit
@@ -114,9 +114,7 @@ class ImportOptions:
                     raise InputError("gravity says already how the arm is mounted.", where="mount")
 
     @classmethod
-    def of(
-        cls, given: ImportOptions | Mapping[str, Any] | Path | str | None, log: object = None
-    ) -> ImportOptions:
+    def of(cls, given: Options | None, log: object = None) -> ImportOptions:
         """Return the options from themselves, their fields or a TOML file.
 
         For None they are those of the file beside a log, or the defaults without one.
@@ -212,8 +210,8 @@ class ImportOptions:
                     f"expected a joint of the log for each of {names}, got {own}.",
                     where="import_options.joints",
                 )
-            order = joint_order(log.joints or names, own, log.source)
-            log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
+            found, wanted = (log.joints, own) if log.joints else (own, names)
+            log = log.ordered(joint_order(found, wanted, log.source), (signal,))
         return replace(log, joints=tuple(names)).of(robot)
 
     @property
@@ -231,6 +229,9 @@ class ImportOptions:
                 plain = isinstance(value, np.ndarray | tuple)
                 stated[name] = np.asarray(value).tolist() if plain else value
         return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
+
+
+Options: TypeAlias = ImportOptions | Mapping[str, Any] | Path | str  # as they may be given
 
 
 def place_beside(log: Path | str) -> Path:
