@@ -31,7 +31,7 @@ from .._kernels import models as kernels
 from ..description.chain import axis_of, frame_id, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from ..tasks.frame import PositionTask, quaternion
+from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .regressor import SAMPLES, live_array, moves, random_states, wrong_sizes
 from .task_kinematics import TaskKinematics
 from .translations import (
@@ -224,6 +224,8 @@ class LinearKinematics(TaskKinematics):
     columns of N.
     """
 
+    task: FrameTask
+
     def _observe(self, columns: Columns, N: np.ndarray, entries: np.ndarray) -> None:
         """Take the columns, and a map whose entries are parameters, beside constants.
 
@@ -408,8 +410,8 @@ class FrameKinematics(LinearKinematics):
         self.names = columns.names
         self.size = len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        f, m, task = len(robot.frames), self.positions, robot.of_frame(robot.frame).frame_task
-        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[task.place], f)
+        f, m, place = len(robot.frames), self.positions, self.task.place
+        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[place], f)
         moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column
         i, own = np.nonzero(frames[:, None] == moved)
         at = 3 * (f + own) + rows[i]

@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask
 from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Words
@@ -45,8 +44,6 @@ class TrackerKinematics(ProjectedKinematics):
     Trans. Automatic Control 62 (2017) 948-954, for the law; the lumped parameters are those of
     uncalibrated visual servoing.
     """
-
-    task: FrameTask
 
     def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.

@@ -1,10 +1,10 @@
-"""Tasks of a frame of the robot: some or all coordinates of its position, or its pose."""
+"""Tasks of frames of the robot: some or all coordinates of their positions, or their poses."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,23 +53,56 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
     return inverse.T @ omega - inverse @ omega_d - (omega - omega_d)
 
 
+def joined(parts: Sequence[np.ndarray], positions: int) -> np.ndarray:
+    """Return coordinates or rows of several frames, given those of each, positions first."""
+    return np.concatenate([part[:positions] for part in parts] + [p[positions:] for p in parts])
+
+
+def parts_of(x: np.ndarray, count: int, positions: int) -> np.ndarray:
+    """Return the coordinates of each of so many frames, the first so many of each positions."""
+    first, rest = np.split(x, [count * positions])
+    return np.hstack([first.reshape(count, -1), rest.reshape(count, -1)])
+
+
 IMAGE, COM = "image", "com"
 
 
 @dataclass(frozen=True)
 class FrameTask(Task):
-    """Coordinates of the task frame, in world axes.
+    """Coordinates of the task frame, or the same ones of each of several frames, in world axes.
+
+    Of several frames x are the positions of all, in the order of the frames, then, for poses, their
+    quaternions in the same order; errors, velocities and accelerations are the linear rows of all
+    frames, then the angular ones. Frames have priority in their order, see ``RightInverse``.
 
     Attributes:
-        rows: rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
+        rows: rows of each frame's LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
     """
 
     rows: slice
 
+    def of_frames(self, frames: Mapping[str, int]) -> FrameTask:
+        """Return this task of several frames, name -> index in the model."""
+        own = [np.array([f"{frame}.{label}" for label in self.labels]) for frame in frames]
+        labels = tuple(joined(own, self.positions).tolist())
+        return replace(self, labels=labels, frames=dict(frames))
+
+    @property
+    def count(self) -> int:
+        """Number k of frames."""
+        return len(self.frames) or 1
+
     @cached_property
     def positions(self) -> int:
-        """All rows, but those of a rotation."""
-        return min(self.size, 3)
+        """All rows, but those of rotations."""
+        return self.size if self.rows.stop <= 3 else self.size // 2
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """The place of each row's frame (m)."""
+        own = np.arange(float(self.count))
+        rows = [len(self.labels[group.rows]) for group in self.groups]
+        return np.concatenate([np.repeat(own, size // self.count) for size in rows])
 
     @property
     def place(self) -> slice:
@@ -93,24 +126,37 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-        placement = pin.updateFramePlacement(model, data, frame)
-        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self.of(placement), self.jacobian(placement, J)
+        found = []
+        for own in self.frames.values() or [frame]:
+            placement = pin.updateFramePlacement(model, data, own)
+            J = pin.getFrameJacobian(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            found.append((self.of(placement), self.jacobian(placement, J)))
+        return self._joined(found)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
-        placement = pin.updateFramePlacement(model, data, frame)
-        return self.moving(
-            placement, pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        )
+        found = []
+        for own in self.frames.values() or [frame]:
+            placement = pin.updateFramePlacement(model, data, own)
+            motion = pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            found.append(self.moving(placement, motion))
+        return self._joined(found)
+
+    def _joined(
+        self, found: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates and rows of all frames, given those of each."""
+        x, rows = zip(*found, strict=True)
+        own = self.positions // self.count
+        return joined(x, own), joined(rows, own)
 
 
 @dataclass(frozen=True)
 class PositionTask(FrameTask):
-    """Two or three coordinates (m) of the frame's position [m], in world axes."""
+    """Two or three coordinates of the position [m] of each frame, in world axes."""
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -146,26 +192,39 @@ class PoseTask(FrameTask):
     phi^T phi / 2. If V(0) < k pi^2 / 2, the loop stays inside because V does not grow.
     """
 
-    coordinates = 7  # position and quaternion
+    @property
+    def coordinates(self) -> int:
+        """A position and a quaternion of each frame."""
+        return 7 * self.count
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
         """Position, then rotation."""
-        return RowGroup("position", "m", slice(0, 3)), RowGroup("rotation", "rad", slice(3, 6))
+        p = self.lengths
+        return RowGroup("position", "m", slice(p)), RowGroup("rotation", "rad", slice(p, 2 * p))
+
+    def _turns(self, x: np.ndarray) -> np.ndarray:
+        """Return the quaternions (k, 4) of coordinates x, or the angular rows (k, 3) of others."""
+        return x[self.lengths :].reshape(self.count, -1)
+
+    def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
+        """Return what a function makes of the rotations of each frame, one after the other."""
+        return np.concatenate(list(map(call, *map(self._turns, given))))
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
         return np.array(pin.SE3ToXYZQUAT(placement))
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
+        """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
-        phi = np.full(3, np.nan) if flawed else rotation_between(x[3:], x_d[3:])
-        return np.concatenate([x[:3] - x_d[:3], phi])
+        p = self.lengths
+        phi = np.full(p, np.nan) if flawed else self._each(rotation_between, x, x_d)
+        return np.concatenate([x[:p] - x_d[:p], phi])
 
     def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
-        """Return delta (6): zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
-        return np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
+        """Return delta: zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
+        return np.append(np.zeros(self.lengths), self._each(rotation_drift, dx, xd_hat, xd_d))
 
     def turn(
         self,
@@ -174,29 +233,35 @@ class PoseTask(FrameTask):
         before: np.ndarray | None = None,
         share: float = 0.0,
     ) -> np.ndarray:
-        """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw.
+        """Return R_hat^T R of estimated and measured poses, as quaternions xyzw (k, 4).
 
-        With another one ``before``, it is that at this share of the way to it.
+        With others ``before``, they are those at this share of the way to these.
         """
-        turn = _quaternion(x_hat[3:]).conjugate() * _quaternion(x[3:])
-        if before is not None:
-            turn = turn.normalized().slerp(share, _quaternion(before))
-        return turn.coeffs()
+        turns = []
+        for k, (q_hat, q) in enumerate(zip(self._turns(x_hat), self._turns(x), strict=True)):
+            turn = _quaternion(q_hat).conjugate() * _quaternion(q)
+            if before is not None:
+                turn = turn.normalized().slerp(share, _quaternion(before[k]))
+            turns.append(turn.coeffs())
+        return np.array(turns)
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` in its own axes."""
-        orientation = (_quaternion(x_hat[3:]) * _quaternion(turn)).normalized()
-        return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
+        """Return the poses at x_hat - epsilon [m], rotated by ``turn`` (k, 4) in their own axes."""
+        both = zip(self._turns(x_hat), turn, strict=True)
+        carried = [(_quaternion(q) * _quaternion(by)).normalized().coeffs() for q, by in both]
+        return np.concatenate([x_hat[: self.lengths] - epsilon, *carried])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the pose (7) displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
-        return np.concatenate([x[:3] + by[:3], turned(x[3:], by[3:])])
+        """Return the poses displaced by linear rows [m] and turned by angular ones [rad]."""
+        p = self.lengths
+        return np.concatenate([x[:p] + by[:p], self._each(turned, x, by)])
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
-        if abs(x[3:].dot(x[3:]) - 1.0) < 0.02:
-            return None
-        return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
+        for q in self._turns(x):
+            if not abs(q.dot(q) - 1.0) < 0.02:
+                return f"has a quaternion xyzw of length {np.linalg.norm(q):.4g} instead of 1"
+        return None
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -58,10 +58,12 @@ class Task(ABC):
     Attributes:
         name: as written in scenarios.
         labels: a name for each row of the error.
+        frames: names of several frames, each with its index in the model; empty: a single one.
     """
 
     name: str
     labels: tuple[str, ...]
+    frames: dict[str, int] = field(default_factory=dict, kw_only=True)
 
     @property
     def size(self) -> int:
@@ -70,7 +72,7 @@ class Task(ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates x: m, but 7 for a pose."""
+        """Number of coordinates x: m, but 7 for each pose."""
         return self.size
 
     @cached_property

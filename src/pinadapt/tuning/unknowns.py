@@ -30,7 +30,6 @@ from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
 from ..robot.robot import Robot
 from ..tasks.frame import ComTask, ImageTask
-from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
 from .noise import Tuning
 from .rates import FORGETTING, PREDICTING
@@ -210,7 +209,7 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
-    if isinstance(robot.task, FramesTask):
+    if robot.task.frames:
         return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     filmed = isinstance(robot.task, ImageTask)
