@@ -100,9 +100,8 @@ class FrameTask(Task):
     @cached_property
     def levels(self) -> np.ndarray:
         """The place of each row's frame (m)."""
-        own = np.arange(float(self.count))
-        rows = [len(self.labels[group.rows]) for group in self.groups]
-        return np.concatenate([np.repeat(own, size // self.count) for size in rows])
+        k = self.count
+        return joined([np.full(self.size // k, float(i)) for i in range(k)], self.positions // k)
 
     @property
     def place(self) -> slice:
@@ -126,32 +125,30 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-        found = []
-        for own in self.frames.values() or [frame]:
-            placement = pin.updateFramePlacement(model, data, own)
-            J = pin.getFrameJacobian(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            found.append((self.of(placement), self.jacobian(placement, J)))
-        return self._joined(found)
+        return self._mapped(model, data, frame, pin.getFrameJacobian)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
+        x, xd = self._mapped(
+            model, data, frame, lambda *of: pin.getFrameVelocity(*of).vector[:, None]
+        )
+        return x, xd[:, 0]
+
+    def _mapped(
+        self, model: pin.Model, data: pin.Data, frame: int, map_of: Callable[..., np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task's rows of a map (6, n) of each frame, LOCAL_WORLD_ALIGNED."""
         found = []
         for own in self.frames.values() or [frame]:
             placement = pin.updateFramePlacement(model, data, own)
-            motion = pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            found.append(self.moving(placement, motion))
-        return self._joined(found)
-
-    def _joined(
-        self, found: Sequence[tuple[np.ndarray, np.ndarray]]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates and rows of all frames, given those of each."""
+            J = map_of(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            found.append((self.of(placement), self.jacobian(placement, J)))
         x, rows = zip(*found, strict=True)
-        own = self.positions // self.count
-        return joined(x, own), joined(rows, own)
+        positions = self.positions // self.count
+        return joined(x, positions), joined(rows, positions)
 
 
 @dataclass(frozen=True)
@@ -203,13 +200,15 @@ class PoseTask(FrameTask):
         p = self.lengths
         return RowGroup("position", "m", slice(p)), RowGroup("rotation", "rad", slice(p, 2 * p))
 
-    def _turns(self, x: np.ndarray) -> np.ndarray:
-        """Return the quaternions (k, 4) of coordinates x, or the angular rows (k, 3) of others."""
-        return x[self.lengths :].reshape(self.count, -1)
+    @cached_property
+    def _quaternions(self) -> list[slice]:
+        """Where each frame's quaternion is among the coordinates."""
+        return [slice(i, i + 4) for i in range(self.lengths, self.coordinates, 4)]
 
-    def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
-        """Return what a function makes of the rotations of each frame, one after the other."""
-        return np.concatenate(list(map(call, *map(self._turns, given))))
+    @cached_property
+    def _angular(self) -> list[slice]:
+        """Where each frame's rotation is among the rows of errors and velocities."""
+        return [slice(i, i + 3) for i in range(self.lengths, self.size, 3)]
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
@@ -218,13 +217,14 @@ class PoseTask(FrameTask):
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
-        p = self.lengths
-        phi = np.full(p, np.nan) if flawed else self._each(rotation_between, x, x_d)
-        return np.concatenate([x[:p] - x_d[:p], phi])
+        p, each = self.lengths, self._quaternions
+        phi = [np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q]) for q in each]
+        return np.concatenate([x[:p] - x_d[:p], *phi])
 
     def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
         """Return delta: zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
-        return np.append(np.zeros(self.lengths), self._each(rotation_drift, dx, xd_hat, xd_d))
+        drifts = [rotation_drift(dx[w], xd_hat[w], xd_d[w]) for w in self._angular]
+        return np.concatenate([np.zeros(self.lengths), *drifts])
 
     def turn(
         self,
@@ -238,8 +238,8 @@ class PoseTask(FrameTask):
         With others ``before``, they are those at this share of the way to these.
         """
         turns = []
-        for k, (q_hat, q) in enumerate(zip(self._turns(x_hat), self._turns(x), strict=True)):
-            turn = _quaternion(q_hat).conjugate() * _quaternion(q)
+        for k, q in enumerate(self._quaternions):
+            turn = _quaternion(x_hat[q]).conjugate() * _quaternion(x[q])
             if before is not None:
                 turn = turn.normalized().slerp(share, _quaternion(before[k]))
             turns.append(turn.coeffs())
@@ -247,18 +247,20 @@ class PoseTask(FrameTask):
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return the poses at x_hat - epsilon [m], rotated by ``turn`` (k, 4) in their own axes."""
-        both = zip(self._turns(x_hat), turn, strict=True)
-        carried = [(_quaternion(q) * _quaternion(by)).normalized().coeffs() for q, by in both]
-        return np.concatenate([x_hat[: self.lengths] - epsilon, *carried])
+        both = zip(self._quaternions, turn, strict=True)
+        carried = [_quaternion(x_hat[q]) * _quaternion(by) for q, by in both]
+        orientations = [each.normalized().coeffs() for each in carried]
+        return np.concatenate([x_hat[: self.lengths] - epsilon, *orientations])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the poses displaced by linear rows [m] and turned by angular ones [rad]."""
-        p = self.lengths
-        return np.concatenate([x[:p] + by[:p], self._each(turned, x, by)])
+        p, both = self.lengths, zip(self._quaternions, self._angular, strict=True)
+        return np.concatenate([x[:p] + by[:p], *(turned(x[q], by[w]) for q, w in both)])
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
-        for q in self._turns(x):
+        for place in self._quaternions:
+            q = x[place]
             if not abs(q.dot(q) - 1.0) < 0.02:
                 return f"has a quaternion xyzw of length {np.linalg.norm(q):.4g} instead of 1"
         return None
