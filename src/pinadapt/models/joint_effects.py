@@ -20,8 +20,7 @@ from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
-from .inertial_model import InertialModel
-from .regressor import moves
+from .regressor import Regressor, moves
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
 _UNITS = {
@@ -115,7 +114,7 @@ class JointEffects:
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
-        self._bodies = InertialModel(robot.model) if loaded else None
+        self._bodies = Regressor(robot.model) if loaded else None
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""

@@ -12,19 +12,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .basis import FittedDynamics, independent_columns
-from .inertial_model import VirtualChains
-from .regressor import LABELS, PER_BODY, Regressor, State, random_states
+from .regressor import LABELS, PER_BODY, Regressor, State, VirtualChains, random_states
 from .translations import LENGTHS, Translation, Words, place, unknown_translations
 
 
 def lumped_base(
     robot: Robot, translations: Sequence[Translation]
-) -> tuple[list[pin.Model], list[int], list[State], np.ndarray]:
+) -> tuple[list[Regressor], list[int], list[State], np.ndarray]:
     """Return the base of a chain's dynamics for unknown translations.
 
     Of each random node it has the columns outside the span of the nodes before. The search ends
@@ -38,7 +36,7 @@ def lumped_base(
     model = robot.model
     rng = np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
-    models, columns = list[pin.Model](), list[int]()
+    chains, columns = list[Regressor](), list[int]()
     base = np.zeros((len(states) * model.nv, 0))
     size = sum(part.size for part in translations)
     without_news = 0
@@ -52,11 +50,11 @@ def lumped_base(
         own = chosen[base.shape[1] :] - base.shape[1]
         without_news += 1
         if own.size:
-            columns += (PER_BODY * model.nv * len(models) + own).tolist()
-            models.append(node)
+            columns += (PER_BODY * model.nv * len(chains) + own).tolist()
+            chains.append(regressor)
             base = both[:, chosen]
             without_news = 0
-    return models, columns, states, base
+    return chains, columns, states, base
 
 
 class LumpedDynamics(FittedDynamics):
@@ -86,11 +84,11 @@ class LumpedDynamics(FittedDynamics):
                 hint="Use BodyDynamics.",
             )
         super().__init__(robot)
-        models, columns, states, base = lumped_base(robot, self.translations)
+        chains, columns, states, base = lumped_base(robot, self.translations)
         self._fit(states, base)
         initial = self.value(robot)
         assert initial is not None  # the nominal translations are along their directions
-        self._model = VirtualChains(models, columns, self._armature)
+        self._model = VirtualChains(chains, columns, self._armature)
         names = [f"{joint}.{label}" for joint in robot.joint_names for label in LABELS]
         self.names = tuple(f"{names[c % len(names)]}#{1 + c // len(names)}" for c in columns)
         self.bodies, self.size, self.initial = range(robot.model.nv), len(initial), initial
