@@ -12,7 +12,7 @@ from .._checks import flag, instance, located, name_list, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import ParameterError, UnusedGainWarning
 from ..laws.law import NAMES, SYMBOLS, Law
-from ..models.basis import BasisDynamics, read_matrix
+from ..models.basis import BasisDynamics, LumpedDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
@@ -24,7 +24,6 @@ from ..models.joint_effects import (
     without_joint_effects,
 )
 from ..models.linear_kinematics import GEOMETRY, FrameKinematics, FramesKinematics
-from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
