@@ -97,7 +97,8 @@ class JointEffects:
         at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
-        stated = (self.known[at] > 0.0) | (at[0] >= _SIGNED)
+        signed = at[0] >= _SIGNED
+        stated = signed | (self.known[at] > 0.0)
         self.initial = np.where(stated, self.known[at], 0.1 * _all_shafts(robot, typical)[at])
         self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
@@ -107,7 +108,7 @@ class JointEffects:
         self.tables = (columns, _shape(friction), shafts)
         self.names = tuple(pairs)
         self.size = len(pairs)
-        self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
+        self.signed = int(np.count_nonzero(signed))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())

@@ -174,12 +174,11 @@ class _ObservedChain:
         ends, f = [model.frames[frame] for frame in frames], len(frames)
         places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
-        motions = columns.motions.copy()
-        motions[:3] += np.cross(origins[columns.joints - 1], motions[3:].T).T
-        self.columns = np.zeros((9, f + len(columns.names)))
-        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, motions
-        n, (_, rows, width) = model.nv, constants.shape
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
+        self.columns = np.zeros((9, len(joints)))
+        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, columns.motions
+        self.columns[:3] += np.cross(origins[joints - 1], self.columns[3:6].T).T
+        n, (_, rows, width) = model.nv, constants.shape
         parents = np.append(model.parents, [end.parentJoint for end in ends])[joints]
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),

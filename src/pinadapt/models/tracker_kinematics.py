@@ -167,4 +167,4 @@ class TrackerKinematics(ProjectedKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         a = self.nominal + self.displacement(model)
-        return self.parameters(Tracker(self.tracker(a_k).placement, a))
+        return self.parameters(self.tracker(a_k)._replace(a=a))
