@@ -12,7 +12,6 @@ from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
 from .joint_effects import JointEffects as JointEffects
 from .linear_kinematics import FrameKinematics as FrameKinematics
-from .linear_kinematics import FramesKinematics as FramesKinematics
 from .regressor import Momentum as Momentum
 from .regressor import Regressor as Regressor
 from .task_kinematics import ComKinematics as ComKinematics

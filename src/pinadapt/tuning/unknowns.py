@@ -23,7 +23,7 @@ from ..models.joint_effects import (
     chosen_kinds,
     without_joint_effects,
 )
-from ..models.linear_kinematics import GEOMETRY, FrameKinematics, FramesKinematics
+from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
@@ -209,7 +209,7 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
     if robot.task.frames:
-        return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
+        return FrameKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     filmed = isinstance(robot.task, ImageTask)
     if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
