@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import InputError
-from .task import Display, RowGroup, Task
+from .task import Display, Moving, RowGroup, Task
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:
@@ -112,7 +112,7 @@ class FrameTask(Task):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x of a frame's placement in the world."""
 
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> Moving:
         """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
         return self.of(placement), self.jacobian(placement, motion.vector[:, None])[:, 0]
 
@@ -129,7 +129,7 @@ class FrameTask(Task):
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
         x, xd = self._mapped(
@@ -366,7 +366,7 @@ class ComTask(PoseTask):
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x (7) and the task velocity (6) at q (nq) and v (nv)."""
         given = self.model, data, self.frame
         pin.centerOfMass(self.model, data, q, v)
@@ -386,9 +386,7 @@ class ComTask(PoseTask):
         J, _ = self.jacobians(data, q, np.zeros(model.nv))
         return self.at(model, data, frame, q), J
 
-    def jacobians(
-        self, data: pin.Data, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def jacobians(self, data: pin.Data, q: np.ndarray, v: np.ndarray) -> Moving:
         """Return J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
         given = self.model, data, self.frame
         pin.dccrba(self.model, data, q, v)  # the linear momentum is m J_com v

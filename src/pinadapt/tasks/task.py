@@ -6,12 +6,15 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from ..exceptions import InputError
+
+Moving: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""A vector or matrix, and its rate."""
 
 
 class Display(NamedTuple):
@@ -102,7 +105,7 @@ class Task(ABC):
     @abstractmethod
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
@@ -219,7 +222,7 @@ class JointTask(Task):
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x (m) and their velocity (m)."""
         return self.of(q), v[list(self.dofs)]
 
