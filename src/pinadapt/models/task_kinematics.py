@@ -232,6 +232,10 @@ class JointKinematics(TaskKinematics):
         self._q = q
         self.xd_hat = v[self._dofs]
 
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the joint coordinates (m) [rad or m] at q (nq), and an empty X_k (0, 0)."""
+        return self.task.of(q), self.X_k
+
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the inverse of I, or that under the constraints."""
         if self.constraints is None:
