@@ -198,7 +198,7 @@ class PoseTask(FrameTask):
     def groups(self) -> tuple[RowGroup, ...]:
         """Position, then rotation."""
         p = self.lengths
-        return RowGroup("position", "m", slice(p)), RowGroup("rotation", "rad", slice(p, 2 * p))
+        return RowGroup("position", "m", slice(0, p)), RowGroup("rotation", "rad", slice(p, 2 * p))
 
     @cached_property
     def _quaternions(self) -> list[slice]:
