@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -58,10 +58,13 @@ def joined(parts: Sequence[np.ndarray], positions: int) -> np.ndarray:
     return np.concatenate([part[:positions] for part in parts] + [p[positions:] for p in parts])
 
 
-def parts_of(x: np.ndarray, count: int, positions: int) -> np.ndarray:
-    """Return the coordinates of each of so many frames, the first so many of each positions."""
-    first, rest = np.split(x, [count * positions])
-    return np.hstack([first.reshape(count, -1), rest.reshape(count, -1)])
+def parts_of(x: np.ndarray, count: int, positions: int) -> Iterator[np.ndarray]:
+    """Yield the coordinates of each of so many frames, the first so many of each positions."""
+    first = count * positions
+    rest = (len(x) - first) // count
+    for k in range(count):
+        places = x[k * positions : (k + 1) * positions]
+        yield np.concatenate([places, x[first + k * rest : first + (k + 1) * rest]])
 
 
 IMAGE, COM = "image", "com"
