@@ -371,11 +371,8 @@ class ComTask(PoseTask):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> Moving:
         """Return the coordinates x (7) and the task velocity (6) at q (nq) and v (nv)."""
-        given = self.model, data, self.frame
-        pin.centerOfMass(self.model, data, q, v)
-        turned = quaternion(pin.updateFramePlacement(*given).rotation)
-        turning = pin.getFrameVelocity(*given, pin.LOCAL_WORLD_ALIGNED).angular
-        return np.append(data.com[0], turned), np.append(data.vcom[0], turning)
+        x, J, _ = self.moving_map(data, q, v)
+        return x, J.dot(v)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (7) of the measured q (nq); x is not used."""
@@ -386,18 +383,19 @@ class ComTask(PoseTask):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x (7) and the task Jacobian (6, nv) at q (nq)."""
-        J, _ = self.jacobians(data, q, np.zeros(model.nv))
-        return self.at(model, data, frame, q), J
+        return self.moving_map(data, q, np.zeros(model.nv))[:2]
 
-    def jacobians(self, data: pin.Data, q: np.ndarray, v: np.ndarray) -> Moving:
-        """Return J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
+    def moving_map(
+        self, data: pin.Data, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x (7), J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
         given = self.model, data, self.frame
         pin.dccrba(self.model, data, q, v)  # the linear momentum is m J_com v
-        pin.updateFramePlacement(*given)
+        turned = quaternion(pin.updateFramePlacement(*given).rotation)
         J = pin.getFrameJacobian(*given, pin.LOCAL_WORLD_ALIGNED)
         J_rate = pin.getFrameJacobianTimeVariation(*given, pin.LOCAL_WORLD_ALIGNED)
         J[:3], J_rate[:3] = data.Ag[:3] / data.Ig.mass, data.dAg[:3] / data.Ig.mass
-        return J, J_rate
+        return np.append(data.com[0], turned), J, J_rate
 
 
 def pinhole_camera(
