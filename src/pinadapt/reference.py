@@ -25,7 +25,6 @@ from .records import Desired, Measurement
 from .robot.motors import torque_limits
 from .robot.robot import Robot
 from .tasks.frame import FrameTask
-from .tasks.several_frames import FramesTask
 from .tasks.task import Task
 from .trajectories.given import TrajectoryLike, as_trajectory
 from .trajectories.periodic import FourierSeries
@@ -122,7 +121,7 @@ def joint_motion(
         )
     model, data = robot.model, robot.model.createData()
     asked = [motion.at(float(each)) for each in s]
-    if isinstance(robot.task, FrameTask | FramesTask):
+    if isinstance(robot.task, FrameTask):
         h = float(s[1] - s[0])
         targets = [each.x_d for each in asked]
         poses, off = _followed(robot, robot.task, targets, h, robot.q0 if q is None else q)
@@ -143,7 +142,7 @@ def joint_motion(
 
 
 def _followed(
-    robot: Robot, task: FrameTask | FramesTask, targets: list[np.ndarray], h: float, q: np.ndarray
+    robot: Robot, task: FrameTask, targets: list[np.ndarray], h: float, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return configurations (N, nq) for N targets h [s] apart, and how far (N) they are off these.
 

@@ -82,7 +82,8 @@ def wheel(inertia):
     body = pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3))
     joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "axle")
     model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    return pa.Robot("wheel", model, "universe", None, np.zeros(1), pa.Friction().of(model))
+    task = pa.tasks.JointTask.of_joints(model)
+    return pa.Robot("wheel", model, "universe", task, np.zeros(1), pa.Friction().of(model))
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-2, 1.0, 100.0])

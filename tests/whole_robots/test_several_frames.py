@@ -12,7 +12,7 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.exceptions import InputError, ParameterError, RobotError
 from pinadapt.identification import calibrate
-from pinadapt.models import FrameKinematics, FramesKinematics
+from pinadapt.models import FrameKinematics
 from pinadapt.records import Camera
 from pinadapt.tasks.frame import turned
 from tests.support.identities import check_kinematics
@@ -111,7 +111,7 @@ def tiago(**options):
 @pytest.mark.parametrize("make", [two_arms, lambda: tiago(task="pose")])
 def test_kinematics_have_exact_rates_and_are_those_of_the_frames(make):
     robot, rng = make(), np.random.default_rng(1)
-    kinematics = FramesKinematics(robot, ["tool"])
+    kinematics = FrameKinematics(robot, ["tool"])
     check_kinematics(kinematics)
     q = pin.integrate(robot.model, robot.q0, 0.2 * rng.standard_normal(robot.model.nv))
     a_k = kinematics.initial + 0.05 * rng.standard_normal(kinematics.size)

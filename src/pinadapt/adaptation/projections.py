@@ -17,7 +17,7 @@ from .._checks import vector
 from .._kernels import estimates as kernels
 from ..exceptions import DivergedError, ParameterError
 from ..models.dynamics import Dynamics
-from ..models.inertial_model import InertialModel
+from ..models.regressor import Regressor
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .gradient import Gradient
@@ -175,7 +175,7 @@ class MassMatrixProjection(Wrapper):
         """Wrap the adaptation of the parameters of ``dynamics``; ``robot`` is the nominal one."""
         super().__init__(inner)
         self.name = "projected" if inner.name == Gradient.name else inner.name
-        self._dynamics, self._nominal = dynamics, InertialModel(robot.model)
+        self._dynamics, self._nominal = dynamics, Regressor(robot.model)
         self._zero = np.zeros(robot.model.nv)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

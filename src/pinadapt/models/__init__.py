@@ -2,6 +2,7 @@
 
 from .basis import BaseParameters as BaseParameters
 from .basis import BasisDynamics as BasisDynamics
+from .basis import LumpedDynamics as LumpedDynamics
 from .basis import base_parameters as base_parameters
 from .bodies import BodyDynamics as BodyDynamics
 from .camera_kinematics import CameraKinematics as CameraKinematics
@@ -11,8 +12,6 @@ from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
 from .joint_effects import JointEffects as JointEffects
 from .linear_kinematics import FrameKinematics as FrameKinematics
-from .linear_kinematics import FramesKinematics as FramesKinematics
-from .lumped import LumpedDynamics as LumpedDynamics
 from .regressor import Momentum as Momentum
 from .regressor import Regressor as Regressor
 from .task_kinematics import ComKinematics as ComKinematics

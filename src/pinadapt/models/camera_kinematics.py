@@ -67,11 +67,11 @@ class CameraKinematics(ProjectedKinematics):
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""
-        N, D = a_k[: self._split].reshape(self._shape), np.ones(self._shape)
-        D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
+        self._past.update(a_k, self.robot.q0, self._still)
         cameras = np.zeros((self._below[0], 3, 4))
-        for rows, places in ((N, [row for _, row in self.task.picks]), (D, 2)):
+        places = [row for _, row in self.task.picks], [2] * self.positions
+        for rows, place in zip(self._past.maps, places, strict=True):
             translation = rows[:, -1] - rows[:, :3].dot(self._home[:3])
-            cameras[self._camera, places] = np.column_stack([rows[:, :3], translation])
+            cameras[self._camera, place] = np.column_stack([rows[:, :3], translation])
         task = ImageTask.seen_by(self.task, list(cameras), self.task.pixel)
         return replace(self.robot, task=task)

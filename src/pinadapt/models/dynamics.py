@@ -12,9 +12,15 @@ import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .inertial_model import InertialModel, VirtualChains
 from .joint_effects import JointEffects, without_joint_effects
-from .regressor import Momentum, State, inertial_parameters, random_states
+from .regressor import (
+    Momentum,
+    Regressor,
+    State,
+    VirtualChains,
+    inertial_parameters,
+    random_states,
+)
 from .translations import Translation, place
 
 
@@ -58,7 +64,7 @@ class Dynamics:
         self, robot: Robot, B: np.ndarray | None = None, known: np.ndarray | None = None
     ) -> None:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
-        self._model: InertialModel | VirtualChains = InertialModel(robot.model)
+        self._model: Regressor | VirtualChains = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())  # not where they are those of the joints' block
         self._pi = inertial_parameters(robot.model)

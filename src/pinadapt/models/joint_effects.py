@@ -20,8 +20,7 @@ from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError
 from ..robot.changes import Friction
 from ..robot.robot import Robot
-from .inertial_model import InertialModel
-from .regressor import moves
+from .regressor import Regressor, moves
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
 _UNITS = {
@@ -98,7 +97,8 @@ class JointEffects:
         at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
-        stated = (self.known[at] > 0.0) | (at[0] >= _SIGNED)
+        signed = at[0] >= _SIGNED
+        stated = signed | (self.known[at] > 0.0)
         self.initial = np.where(stated, self.known[at], 0.1 * _all_shafts(robot, typical)[at])
         self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
@@ -108,14 +108,14 @@ class JointEffects:
         self.tables = (columns, _shape(friction), shafts)
         self.names = tuple(pairs)
         self.size = len(pairs)
-        self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
+        self.signed = int(np.count_nonzero(signed))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
-        self._bodies = InertialModel(robot.model) if loaded else None
+        self._bodies = Regressor(robot.model) if loaded else None
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""

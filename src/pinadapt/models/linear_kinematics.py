@@ -31,7 +31,7 @@ from .._kernels import models as kernels
 from ..description.chain import axis_of, frame_id, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from ..tasks.frame import PositionTask, quaternion
+from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .regressor import SAMPLES, live_array, moves, random_states, wrong_sizes
 from .task_kinematics import TaskKinematics
 from .translations import (
@@ -103,17 +103,20 @@ def translated(robot: Robot, translations: Sequence[Translation]) -> Iterator[Co
     """Yield the columns of unknown translations, whose values are the translations themselves.
 
     By default a length lies between a tenth and ten times the nominal one, other coordinates
-    within half the reach, those of the base within ten times.
+    within half the reach, those of the base within ten times. Each of several frames has a tool.
     """
-    values = placed_values(robot.model, robot.frame_id, translations)
-    for part, value in zip(translations, values, strict=True):
-        motions = np.concatenate([part.directions, np.zeros((3, part.size))])
-        wide = robot.reach * (BOUND if part.joint == FIRST else _WIDE)
-        bounds = np.array([value - wide, value + wide])
-        if part.size == 1:
-            bounds = np.array([value / BOUND, value * BOUND])
-        joints = np.full(part.size, part.joint or robot.model.njoints)
-        yield Columns(part.labels, joints, motions, value, np.ones(part.size), bounds)
+    for k, frame in enumerate(robot.frames):
+        own, prefix = robot.of_frame(frame), f"{frame}." if robot.task.frames else ""
+        values = placed_values(own.model, own.frame_id, translations)
+        for part, value in zip(translations, values, strict=True):
+            names = tuple(prefix + label for label in part.labels)
+            motions = np.concatenate([part.directions, np.zeros((3, part.size))])
+            wide = own.reach * (BOUND if part.joint == FIRST else _WIDE)
+            bounds = np.array([value - wide, value + wide])
+            if part.size == 1:
+                bounds = np.array([value / BOUND, value * BOUND])
+            joints = np.full(part.size, part.joint or own.model.njoints + k)
+            yield Columns(names, joints, motions, value, np.ones(part.size), bounds)
 
 
 def columns_of_geometry(robot: Robot) -> Columns:
@@ -174,12 +177,11 @@ class _ObservedChain:
         ends, f = [model.frames[frame] for frame in frames], len(frames)
         places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
-        motions = columns.motions.copy()
-        motions[:3] += np.cross(origins[columns.joints - 1], motions[3:].T).T
-        self.columns = np.zeros((9, f + len(columns.names)))
-        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, motions
-        n, (_, rows, width) = model.nv, constants.shape
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
+        self.columns = np.zeros((9, len(joints)))
+        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, columns.motions
+        self.columns[:3] += np.cross(origins[joints - 1], self.columns[3:6].T).T
+        n, (_, rows, width) = model.nv, constants.shape
         parents = np.append(model.parents, [end.parentJoint for end in ends])[joints]
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
@@ -223,6 +225,8 @@ class LinearKinematics(TaskKinematics):
     pose are R_c times the angular velocity in the axes of the base, with R_c the first three
     columns of N.
     """
+
+    task: FrameTask
 
     def _observe(self, columns: Columns, N: np.ndarray, entries: np.ndarray) -> None:
         """Take the columns, and a map whose entries are parameters, beside constants.
@@ -378,7 +382,8 @@ class LinearKinematics(TaskKinematics):
 class FrameKinematics(LinearKinematics):
     """The estimated kinematics of the task frame in world axes, with columns as parameters.
 
-    For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations.
+    For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations. Of
+    several frames each depends on its own tool alone, so X_k and Y_k are block diagonal.
     """
 
     def __init__(self, robot: Robot, unknown: Words = ()) -> None:
@@ -387,35 +392,39 @@ class FrameKinematics(LinearKinematics):
         ``unknown="geometry"`` chooses every placement, as ``columns_of_geometry``.
 
         Raises:
-            ParameterError, RobotError: as ``unknown_translations``, or the geometry with a task
-                that is not one of positions alone.
+            ParameterError, RobotError: as ``unknown_translations``, the geometry with a task that
+                is not one of positions alone, or of several frames other unknown translations than
+                their tools: those of joints move several frames.
         """
-        task = robot.frame_task
         whole = isinstance(unknown, str) and unknown == GEOMETRY
+        words = [unknown] if isinstance(unknown, str) else list(unknown)
+        task = robot.task if robot.task.frames else robot.frame_task
+        if task.frames and words not in ([], [TOOL]):
+            raise ParameterError(
+                f"with several frames their tools may be unknown, and {words} was given.",
+                where="unknown.translations",
+                hint='Take unknown "tool", or one frame at a time.',
+            )
         if whole and not isinstance(task, PositionTask):
             raise ParameterError(
                 f"the geometry is learned from positions only, and the task is '{task.name}'.",
                 where="unknown.geometry",
                 hint='Take a task of the position, such as "xyz", or `pinadapt calibrate` before.',
             )
-        self.translations = unknown_translations(robot, [TOOL] if whole else unknown)
-        parts = translated(robot, self.translations)
-        self._displace(robot, unknown, columns_of_geometry(robot) if whole else stacked(parts))
-
-    def _displace(self, robot: Robot, unknown: Words, columns: Columns) -> None:
-        """Take a nominal robot, what is unknown of it, and the columns of that."""
-        self._take(robot, robot.task, unknown)
-        self.names = columns.names
-        self.size = len(columns.names)
+        self._take(robot, task, unknown)
+        own = unknown_translations(robot, [TOOL] if whole else unknown)
+        f, m = len(robot.frames), self.positions
+        self.translations = own * f
+        columns = columns_of_geometry(robot) if whole else stacked(translated(robot, own))
+        self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        f, m, task = len(robot.frames), self.positions, robot.of_frame(robot.frame).frame_task
-        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[task.place], f)
+        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[self.task.place], f)
         moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column
-        i, own = np.nonzero(frames[:, None] == moved)
-        at = 3 * (f + own) + rows[i]
+        i, j = np.nonzero(frames[:, None] == moved)
+        at = 3 * (f + j) + rows[i]
         N = np.zeros((m, 1 + 3 * f + 3 * self.size))
-        N[range(m), 3 * frames + rows], N[i, at] = 1.0, -self.initial[own]
-        self._observe(columns, N, np.column_stack([own, 0 * own, i, at]))
+        N[range(m), 3 * frames + rows], N[i, at] = 1.0, -self.initial[j]
+        self._observe(columns, N, np.column_stack([j, 0 * j, i, at]))
         self.update(self.initial, robot.q0, self._still)
 
     @property
@@ -430,31 +439,3 @@ class FrameKinematics(LinearKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of a model of the chain."""
         return self.initial + self.displacement(model)
-
-
-class FramesKinematics(FrameKinematics):
-    """The estimated kinematics of several frames, positions first, with the tools as parameters.
-
-    The position of a frame depends on its own tool alone, so X_k and Y_k are block diagonal.
-    """
-
-    def __init__(self, robot: Robot, unknown: Words = ()) -> None:
-        """Use a nominal robot with several task frames; ``unknown`` is empty or ["tool"].
-
-        Raises:
-            ParameterError: other unknown translations: those of joints move several frames.
-        """
-        words = [unknown] if isinstance(unknown, str) else list(unknown)
-        if words not in ([], [TOOL]):
-            raise ParameterError(
-                f"with several frames their tools may be unknown, and {words} was given.",
-                where="unknown.translations",
-                hint='Take unknown "tool", or one frame at a time.',
-            )
-        own = unknown_translations(robot, words)
-        self.translations, parts = own * len(robot.frames), []
-        for k, name in enumerate(robot.frames):
-            for part in translated(robot.of_frame(name), own):
-                names = tuple(f"{name}.{label}" for label in part.names)
-                parts.append(part._replace(names=names, joints=part.joints + k))
-        self._displace(robot, words, stacked(parts))

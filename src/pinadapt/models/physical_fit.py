@@ -162,10 +162,10 @@ def physical_fit(
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
     R, z = square(A, b)
-    if near is not None:
-        return _newton(R, z, physical, near, gamma)
-    a = physical.center
-    weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
+    a, weight = near, gamma
+    if a is None:
+        a = physical.center
+        weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
     while weight > gamma:
         a = _newton(R, z, physical, a, weight)
         weight /= _FALL

@@ -1,4 +1,4 @@
-"""Regressors of the ten parameters of every body: torque, Slotine and Li, momentum.
+"""A chain in the ten parameters of every body: regressors, torque and mass matrix.
 
 All come from Pinocchio. n: joints, pi (10 n): the stacked ``Inertia.toDynamicParameters`` of the
 bodies, in the order of ``LABELS``.
@@ -6,7 +6,7 @@ bodies, in the order of ``LABELS``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,14 +41,25 @@ class Regressor:
     *Composite adaptive control of robot manipulators*, Automatica 25 (1989) 509-519, and P. Hsu,
     M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
     using joint accelerations*, ICRA 1987.
+
+    Torque and mass matrix, at the loaded parameters, come from RNEA and CRBA. The parameters may be
+    any numbers, but ``pin.Inertia`` cannot represent a body without mass, and CRBA cannot sum
+    bodies to a mass that is not positive. For such parameters a ballast u of one kilogram a body is
+    added c times and its effect subtracted: M(pi) = M(pi + c u) - c M(u), exactly, for every pi.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        """Copy a model; its inertias are not used."""
-        self._model = model.copy()
-        self._weightless = self._model.copy()
+        """Copy a chain's model, and load its own parameters."""
+        self._model, self._weightless, self._ballast = (model.copy() for _ in range(3))
         self._weightless.gravity.linear = np.zeros(3)
-        self._data, n = self._model.createData(), model.nv  # scratch for both
+        self._data, n = model.createData(), model.nv  # scratch for both
+        self._ballast_data, self._ballast.armature = model.createData(), np.zeros(n)
+        self._inertias = self._model.inertias
+        self._inertial = np.zeros(PER_BODY * (model.njoints - 1))
+        self._bodies = list(enumerate(self._inertial.reshape(-1, PER_BODY), 1))  # views
+        for joint, _ in self._bodies:  # point masses at the joints
+            self._ballast.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
+        self.load(inertial_parameters(model))
         self._zero = np.zeros(n)
         self._many = n > 1
         self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
@@ -67,7 +78,35 @@ class Regressor:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
-        return Regressor, (self._model,)
+        return Regressor, (self._model,), {"_pi": self._pi}
+
+    def load(self, pi: np.ndarray) -> None:
+        """Set the parameters (10 n) of all bodies; they must not change until others are set."""
+        self._pi = pi
+        self._c: float | None = None
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) [N m or N], rotors included."""
+        return self._at_loaded(pin.rnea, q, v, a)
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        return self._at_loaded(pin.crba, q)
+
+    def _at_loaded(self, algorithm: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
+        """Return what an algorithm of Pinocchio gives for the loaded parameters."""
+        if self._c is None:
+            self._c = kernels.take(self._pi, self._inertial)
+            inertias, from_pi = self._inertias, pin.Inertia.FromDynamicParameters
+            for joint, pi in self._bodies:
+                inertias[joint] = from_pi(pi)
+        try:
+            found = algorithm(self._model, self._data, *state)
+        except ValueError as error:
+            raise wrong_sizes(self._model, *state) from error
+        if self._c:
+            found = found - self._c * algorithm(self._ballast, self._ballast_data, *state)
+        return found
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
@@ -106,6 +145,54 @@ class Regressor:
         Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(*self._chain, Y_M, Y_0)
         return Y_M, Y_0
+
+
+class VirtualChains:
+    """Torque, mass matrix and regressors of virtual chains together, in the parameters a (p)."""
+
+    def __init__(
+        self, chains: Sequence[Regressor], columns: Sequence[int], armature: np.ndarray
+    ) -> None:
+        """Use k chains without rotors, the rotors (n), and which of 10 n k columns count.
+
+        The columns (p) are those of the chains' regressors side by side.
+        """
+        self._chains, self._columns, self._armature = chains, columns, armature
+
+    def load(self, a_d: np.ndarray) -> None:
+        """Make a_d (p) the estimate, each virtual chain with its part."""
+        self._a_d = a_d
+        pi = np.zeros((len(self._chains), PER_BODY * self._armature.size))
+        pi.put(self._columns, a_d)
+        for chain, own in zip(self._chains, pi, strict=True):
+            chain.load(own)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
+        return self(q, v, a).dot(self._a_d) + self._armature * a
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        return sum((chain.mass_matrix(q) for chain in self._chains), np.diag(self._armature))
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y(q, v, a) (n, p)."""
+        return self._of_base([chain(q, v, a) for chain in self._chains])
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> np.ndarray:
+        """Return Y_r (n, p)."""
+        return self._of_base([chain.slotine_li(q, v, v_r, a_r) for chain in self._chains])
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 (n, p)."""
+        Y_M, Y_0 = zip(*(chain.momentum(q, v) for chain in self._chains), strict=True)
+        return self._of_base(Y_M), self._of_base(Y_0)
+
+    def _of_base(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the base's columns (n, p) of the chains' regressors (n, 10 n)."""
+        return np.hstack(parts)[:, self._columns]
 
 
 def wrong_sizes(model: pin.Model, q: np.ndarray, *rates: np.ndarray) -> InputError:

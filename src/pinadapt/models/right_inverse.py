@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 from numpy import empty
 
 from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError
+from ..tasks.task import Moving
 
-Moving: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""A vector or matrix, and its rate."""
 _NULL, _WHOLE = (0.45, 0.55), (1.0, 1.06)  # of the speeds: from where on, and at most
 
 

@@ -69,6 +69,7 @@ class TaskKinematics(ABC):
     Jdot_v: np.ndarray
     Y_k: np.ndarray
 
+    _x: np.ndarray
     _rate: np.ndarray
     constraints: Constraints | None = None
     unknown: Words = ()
@@ -108,7 +109,7 @@ class TaskKinematics(ABC):
     @property
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
-        return self.at(self._q)[0]
+        return self._x
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -176,7 +177,6 @@ class TaskKinematics(ABC):
             )
         self._take(robot, task, unknown)
         self._data = robot.model.createData()
-        self._q = robot.q0
         self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
         self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
         self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
@@ -200,7 +200,7 @@ class ComKinematics(TaskKinematics):
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         if q.size != self.nq or v.size != self.nv:
             raise wrong_sizes(self.robot.model, q, v)
-        self._q, (self.J, self._rate) = q, self.task.jacobians(self._data, q, v)
+        self._x, self.J, self._rate = self.task.moving_map(self._data, q, v)
         self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
 
 
@@ -223,18 +223,13 @@ class JointKinematics(TaskKinematics):
         self.J = np.eye(self.nv)[self._dofs]
         self._rate = np.zeros(self.J.shape)
         self._inverse = RightInverse(self.J)
-        self.xd_hat = np.zeros(len(self.J))
+        self.update(self.initial, robot.q0, self._still)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         if q.size != self.nq or v.size != self.nv:
             raise wrong_sizes(self.robot.model, q, v)
-        self._q = q
-        self.xd_hat = v[self._dofs]
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the joint coordinates (m) [rad or m] at q (nq), and an empty X_k (0, 0)."""
-        return self.task.of(q), self.X_k
+        self._x, self.xd_hat = self.task.of(q), v[self._dofs]
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the inverse of I, or that under the constraints."""

@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask
 from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Words
@@ -45,8 +44,6 @@ class TrackerKinematics(ProjectedKinematics):
     Trans. Automatic Control 62 (2017) 948-954, for the law; the lumped parameters are those of
     uncalibrated visual servoing.
     """
-
-    task: FrameTask
 
     def __init__(self, robot: Robot, unknown: Words = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
@@ -170,4 +167,4 @@ class TrackerKinematics(ProjectedKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         a = self.nominal + self.displacement(model)
-        return self.parameters(Tracker(self.tracker(a_k).placement, a))
+        return self.parameters(self.tracker(a_k)._replace(a=a))

@@ -110,10 +110,10 @@ def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
 
 def _all_lengths(robot: Robot) -> list[str]:
     """Return "name:length" for every nonzero translation after the first joint."""
-    links = [*((name, i) for i, name in enumerate(robot.joint_names, 1) if i > 1), (TOOL, None)]
+    names, joints = [*robot.joint_names[1:], TOOL], [*range(2, robot.model.njoints), None]
     return [
         f"{name}:length"
-        for name, joint in links
+        for name, joint in zip(names, joints, strict=True)
         if np.linalg.norm(placement_of(robot.model, robot.frame_id, joint).translation) > 1e-9
     ]
 

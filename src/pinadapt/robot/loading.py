@@ -33,7 +33,6 @@ from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError
 from ..tasks.frame import COM, IMAGE, TASKS, ComTask, FrameTask
-from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
@@ -84,7 +83,7 @@ def load(
     """Load a robot: the chain from its base to one frame, or the whole tree of its joints.
 
     It is the whole tree for the task "joint" without a frame, and for a free base. With several
-    frames it is the tree of the chains to them, see ``tasks.FramesTask``.
+    frames it is the tree of the chains to them, see ``tasks.FrameTask``.
 
     Arguments that are not given are chosen by the same rules for every source. ``print(robot)``
     shows the choice, and the other frames at which a chain could end.
@@ -283,7 +282,7 @@ def _load_chain(
     if isinstance(chosen, ComTask):
         chosen = replace(chosen, model=model.copy(), frame=tips[0])
     if len(frames) > 1 and isinstance(chosen, FrameTask):
-        chosen = FramesTask.of(chosen, dict(zip(frames, tips, strict=True)))
+        chosen = chosen.of_frames(dict(zip(frames, tips, strict=True)))
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     home = consistent(model, home, constraints)
@@ -315,7 +314,7 @@ def _load_chain(
     if isinstance(chosen, JointTask):
         J = np.eye(model.nv)[robot.motors]
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
-    elif isinstance(chosen, FramesTask | ComTask):
+    elif isinstance(chosen, FrameTask) and (chosen.frames or chosen.name == COM):
         J = chosen.linear_map(model, model.createData(), tips[0], home)[1]
     A = robot.constrained.jacobian(home)
     both = np.vstack([J, A])

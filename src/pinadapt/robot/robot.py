@@ -44,8 +44,7 @@ from ..description.mjcf import mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import urdf_text
 from ..exceptions import InputError, RobotError
-from ..tasks.frame import FrameTask, ImageTask
-from ..tasks.several_frames import FramesTask
+from ..tasks.frame import TASKS, FrameTask, ImageTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import Friction
@@ -66,7 +65,7 @@ class Robot(Printed):
         name: name in the catalogue, or of the model.
         model: Pinocchio model of the chain; all other joints of the description are locked in it.
         frame: name of the task frame, the first one if there are several.
-        task: the controlled coordinates of that frame, or of several: ``FramesTask``.
+        task: the controlled coordinates of that frame, or of several.
         q0: (nq) home configuration.
         friction: joint friction; zero unless stated, as descriptions rarely have measured values.
         drawn: the visual geometry, read on demand, or None.
@@ -116,7 +115,7 @@ class Robot(Printed):
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of all task frames."""
-        return self.task.frames if isinstance(self.task, FramesTask) else (self.frame,)
+        return tuple(self.task.frames) or (self.frame,)
 
     @property
     def carriers(self) -> list[int]:
@@ -143,7 +142,7 @@ class Robot(Printed):
         Raises:
             InputError: it is none of them.
         """
-        task = self.task.part if isinstance(self.task, FramesTask) else self.task
+        task = TASKS[self.task.name] if self.task.frames else self.task
         return replace(self, frame=word(frame, self.frames, "frame"), task=task)
 
     @property

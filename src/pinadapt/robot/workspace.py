@@ -19,7 +19,6 @@ from ..description.chain import (
 )
 from ..exceptions import RobotError
 from ..tasks.frame import FrameTask, ImageTask
-from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import PLANES, Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.stacked import Stacked
@@ -220,7 +219,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
         singularity.
     """
     model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
-    assert isinstance(task, FrameTask | FramesTask)
+    assert isinstance(task, FrameTask)
     m, home, count = task.lengths, robot.home_angles, len(robot.frames)
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)

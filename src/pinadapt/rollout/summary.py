@@ -18,7 +18,6 @@ from ..exceptions import InputError
 from ..laws import LAWS
 from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
-from ..tasks.several_frames import FramesTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
 from .recording import (
     CLOSE,
@@ -97,9 +96,8 @@ def summary(run: Recording) -> Numbers:
         numbers["recorded"] |= {
             name: getattr(run.task, name) for name in ("labels", "continuous", "places", "dofs")
         }
-    if isinstance(run.task, FramesTask):
-        own = zip(run.task.frames, run.task.ids, strict=True)
-        numbers["recorded"]["frames"] = dict(own)
+    if run.task.frames:
+        numbers["recorded"]["frames"] = run.task.frames
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
@@ -210,7 +208,7 @@ def _task(numbers: Numbers, coordinates: int) -> Task:
         return ImageTask.seen_by(TASKS["xyz"], cameras, numbers["pixel"])
     if name in TASKS:
         frames = numbers["recorded"].get("frames")
-        return TASKS[name] if frames is None else FramesTask.of(TASKS[name], frames)
+        return TASKS[name] if frames is None else TASKS[name].of_frames(frames)
     parts = (numbers["recorded"][part] for part in ("labels", "continuous", "places", "dofs"))
     return JointTask(name, *map(tuple, parts))
 

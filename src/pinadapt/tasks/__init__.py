@@ -7,7 +7,6 @@ from .frame import ImageTask as ImageTask
 from .frame import PoseTask as PoseTask
 from .frame import PositionTask as PositionTask
 from .frame import pinhole_camera as pinhole_camera
-from .several_frames import FramesTask as FramesTask
 from .task import JointTask as JointTask
 from .task import RowGroup as RowGroup
 from .task import Task as Task

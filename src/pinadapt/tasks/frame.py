@@ -1,10 +1,10 @@
-"""Tasks of a frame of the robot: some or all coordinates of its position, or its pose."""
+"""Tasks of frames of the robot: some or all coordinates of their positions, or their poses."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import InputError
-from .task import Display, RowGroup, Task
+from .task import Display, Moving, RowGroup, Task
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:
@@ -53,23 +53,58 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
     return inverse.T @ omega - inverse @ omega_d - (omega - omega_d)
 
 
+def joined(parts: Sequence[np.ndarray], positions: int) -> np.ndarray:
+    """Return coordinates or rows of several frames, given those of each, positions first."""
+    return np.concatenate([part[:positions] for part in parts] + [p[positions:] for p in parts])
+
+
+def parts_of(x: np.ndarray, count: int, positions: int) -> Iterator[np.ndarray]:
+    """Yield the coordinates of each of so many frames, the first so many of each positions."""
+    first = count * positions
+    rest = (len(x) - first) // count
+    for k in range(count):
+        places = x[k * positions : (k + 1) * positions]
+        yield np.concatenate([places, x[first + k * rest : first + (k + 1) * rest]])
+
+
 IMAGE, COM = "image", "com"
 
 
 @dataclass(frozen=True)
 class FrameTask(Task):
-    """Coordinates of the task frame, in world axes.
+    """Coordinates of the task frame, or the same ones of each of several frames, in world axes.
+
+    Of several frames x are the positions of all, in the order of the frames, then, for poses, their
+    quaternions in the same order; errors, velocities and accelerations are the linear rows of all
+    frames, then the angular ones. Frames have priority in their order, see ``RightInverse``.
 
     Attributes:
-        rows: rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
+        rows: rows of each frame's LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
     """
 
     rows: slice
 
+    def of_frames(self, frames: Mapping[str, int]) -> FrameTask:
+        """Return this task of several frames, name -> index in the model."""
+        own = [np.array([f"{frame}.{label}" for label in self.labels]) for frame in frames]
+        labels = tuple(joined(own, self.positions).tolist())
+        return replace(self, labels=labels, frames=dict(frames))
+
+    @property
+    def count(self) -> int:
+        """Number k of frames."""
+        return len(self.frames) or 1
+
     @cached_property
     def positions(self) -> int:
-        """All rows, but those of a rotation."""
-        return min(self.size, 3)
+        """All rows, but those of rotations."""
+        return self.size if self.rows.stop <= 3 else self.size // 2
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """The place of each row's frame (m)."""
+        k = self.count
+        return joined([np.full(self.size // k, float(i)) for i in range(k)], self.positions // k)
 
     @property
     def place(self) -> slice:
@@ -80,7 +115,7 @@ class FrameTask(Task):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x of a frame's placement in the world."""
 
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> Moving:
         """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
         return self.of(placement), self.jacobian(placement, motion.vector[:, None])[:, 0]
 
@@ -93,24 +128,35 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-        placement = pin.updateFramePlacement(model, data, frame)
-        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self.of(placement), self.jacobian(placement, J)
+        return self._mapped(model, data, frame, pin.getFrameJacobian)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
-        placement = pin.updateFramePlacement(model, data, frame)
-        return self.moving(
-            placement, pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        x, xd = self._mapped(
+            model, data, frame, lambda *of: pin.getFrameVelocity(*of).vector[:, None]
         )
+        return x, xd[:, 0]
+
+    def _mapped(
+        self, model: pin.Model, data: pin.Data, frame: int, map_of: Callable[..., np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task's rows of a map (6, n) of each frame, LOCAL_WORLD_ALIGNED."""
+        found = []
+        for own in self.frames.values() or [frame]:
+            placement = pin.updateFramePlacement(model, data, own)
+            J = map_of(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            found.append((self.of(placement), self.jacobian(placement, J)))
+        x, rows = zip(*found, strict=True)
+        positions = self.positions // self.count
+        return joined(x, positions), joined(rows, positions)
 
 
 @dataclass(frozen=True)
 class PositionTask(FrameTask):
-    """Two or three coordinates (m) of the frame's position [m], in world axes."""
+    """Two or three coordinates of the position [m] of each frame, in world axes."""
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -146,26 +192,42 @@ class PoseTask(FrameTask):
     phi^T phi / 2. If V(0) < k pi^2 / 2, the loop stays inside because V does not grow.
     """
 
-    coordinates = 7  # position and quaternion
+    @property
+    def coordinates(self) -> int:
+        """A position and a quaternion of each frame."""
+        return 7 * self.count
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
         """Position, then rotation."""
-        return RowGroup("position", "m", slice(0, 3)), RowGroup("rotation", "rad", slice(3, 6))
+        p = self.lengths
+        return RowGroup("position", "m", slice(0, p)), RowGroup("rotation", "rad", slice(p, 2 * p))
+
+    @cached_property
+    def _quaternions(self) -> list[slice]:
+        """Where each frame's quaternion is among the coordinates."""
+        return [slice(i, i + 4) for i in range(self.lengths, self.coordinates, 4)]
+
+    @cached_property
+    def _angular(self) -> list[slice]:
+        """Where each frame's rotation is among the rows of errors and velocities."""
+        return [slice(i, i + 3) for i in range(self.lengths, self.size, 3)]
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
         return np.array(pin.SE3ToXYZQUAT(placement))
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
+        """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
-        phi = np.full(3, np.nan) if flawed else rotation_between(x[3:], x_d[3:])
-        return np.concatenate([x[:3] - x_d[:3], phi])
+        p, each = self.lengths, self._quaternions
+        phi = [np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q]) for q in each]
+        return np.concatenate([x[:p] - x_d[:p], *phi])
 
     def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
-        """Return delta (6): zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
-        return np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
+        """Return delta: zero, then dphi/dt - (omega - omega_d) [rad/s], omega = J_omega qd."""
+        drifts = [rotation_drift(dx[w], xd_hat[w], xd_d[w]) for w in self._angular]
+        return np.concatenate([np.zeros(self.lengths), *drifts])
 
     def turn(
         self,
@@ -174,29 +236,37 @@ class PoseTask(FrameTask):
         before: np.ndarray | None = None,
         share: float = 0.0,
     ) -> np.ndarray:
-        """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw.
+        """Return R_hat^T R of estimated and measured poses, as quaternions xyzw (k, 4).
 
-        With another one ``before``, it is that at this share of the way to it.
+        With others ``before``, they are those at this share of the way to these.
         """
-        turn = _quaternion(x_hat[3:]).conjugate() * _quaternion(x[3:])
-        if before is not None:
-            turn = turn.normalized().slerp(share, _quaternion(before))
-        return turn.coeffs()
+        turns = []
+        for k, q in enumerate(self._quaternions):
+            turn = _quaternion(x_hat[q]).conjugate() * _quaternion(x[q])
+            if before is not None:
+                turn = turn.normalized().slerp(share, _quaternion(before[k]))
+            turns.append(turn.coeffs())
+        return np.array(turns)
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` in its own axes."""
-        orientation = (_quaternion(x_hat[3:]) * _quaternion(turn)).normalized()
-        return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
+        """Return the poses at x_hat - epsilon [m], rotated by ``turn`` (k, 4) in their own axes."""
+        both = zip(self._quaternions, turn, strict=True)
+        carried = [_quaternion(x_hat[q]) * _quaternion(by) for q, by in both]
+        orientations = [each.normalized().coeffs() for each in carried]
+        return np.concatenate([x_hat[: self.lengths] - epsilon, *orientations])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Return the pose (7) displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
-        return np.concatenate([x[:3] + by[:3], turned(x[3:], by[3:])])
+        """Return the poses displaced by linear rows [m] and turned by angular ones [rad]."""
+        p, both = self.lengths, zip(self._quaternions, self._angular, strict=True)
+        return np.concatenate([x[:p] + by[:p], *(turned(x[q], by[w]) for q, w in both)])
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
-        if abs(x[3:].dot(x[3:]) - 1.0) < 0.02:
-            return None
-        return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
+        for place in self._quaternions:
+            q = x[place]
+            if not abs(q.dot(q) - 1.0) < 0.02:
+                return f"has a quaternion xyzw of length {np.linalg.norm(q):.4g} instead of 1"
+        return None
 
 
 @dataclass(frozen=True)
@@ -299,13 +369,10 @@ class ComTask(PoseTask):
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x (7) and the task velocity (6) at q (nq) and v (nv)."""
-        given = self.model, data, self.frame
-        pin.centerOfMass(self.model, data, q, v)
-        turned = quaternion(pin.updateFramePlacement(*given).rotation)
-        turning = pin.getFrameVelocity(*given, pin.LOCAL_WORLD_ALIGNED).angular
-        return np.append(data.com[0], turned), np.append(data.vcom[0], turning)
+        x, J, _ = self.moving_map(data, q, v)
+        return x, J.dot(v)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (7) of the measured q (nq); x is not used."""
@@ -316,20 +383,19 @@ class ComTask(PoseTask):
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x (7) and the task Jacobian (6, nv) at q (nq)."""
-        J, _ = self.jacobians(data, q, np.zeros(model.nv))
-        return self.at(model, data, frame, q), J
+        return self.moving_map(data, q, np.zeros(model.nv))[:2]
 
-    def jacobians(
+    def moving_map(
         self, data: pin.Data, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x (7), J (6, nv) and dJ/dt (6, nv) at q (nq) and v (nv); data is scratch."""
         given = self.model, data, self.frame
         pin.dccrba(self.model, data, q, v)  # the linear momentum is m J_com v
-        pin.updateFramePlacement(*given)
+        turned = quaternion(pin.updateFramePlacement(*given).rotation)
         J = pin.getFrameJacobian(*given, pin.LOCAL_WORLD_ALIGNED)
         J_rate = pin.getFrameJacobianTimeVariation(*given, pin.LOCAL_WORLD_ALIGNED)
         J[:3], J_rate[:3] = data.Ag[:3] / data.Ig.mass, data.dAg[:3] / data.Ig.mass
-        return J, J_rate
+        return np.append(data.com[0], turned), J, J_rate
 
 
 def pinhole_camera(

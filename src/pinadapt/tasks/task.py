@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from ..exceptions import InputError
+
+Moving: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""A vector or matrix, and its rate."""
 
 
 class Display(NamedTuple):
@@ -58,10 +61,12 @@ class Task(ABC):
     Attributes:
         name: as written in scenarios.
         labels: a name for each row of the error.
+        frames: names of several frames, each with its index in the model; empty: a single one.
     """
 
     name: str
     labels: tuple[str, ...]
+    frames: dict[str, int] = field(default_factory=dict, kw_only=True)
 
     @property
     def size(self) -> int:
@@ -70,7 +75,7 @@ class Task(ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates x: m, but 7 for a pose."""
+        """Number of coordinates x: m, but 7 for each pose."""
         return self.size
 
     @cached_property
@@ -100,7 +105,7 @@ class Task(ABC):
     @abstractmethod
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
@@ -217,7 +222,7 @@ class JointTask(Task):
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> Moving:
         """Return the coordinates x (m) and their velocity (m)."""
         return self.of(q), v[list(self.dofs)]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..records import Desired
-from ..tasks.several_frames import joined, parts_of
+from ..tasks.frame import joined, parts_of
 from .given import TrajectoryLike, as_trajectory
 from .pose import PoseTrajectory
 from .trajectory import Trajectory
@@ -19,7 +19,7 @@ class Stacked(Trajectory):
     """One motion of each task frame, in the order of the frames, as one of all their coordinates.
 
     x_d has the positions of all frames, then, for poses, their quaternions, as
-    ``tasks.FramesTask`` has them; velocities and accelerations have the linear parts first.
+    ``tasks.FrameTask`` has them; velocities and accelerations have the linear parts first.
 
     Attributes:
         motions: those of the frames.

@@ -12,7 +12,7 @@ from .._checks import flag, instance, located, name_list, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import ParameterError, UnusedGainWarning
 from ..laws.law import NAMES, SYMBOLS, Law
-from ..models.basis import BasisDynamics, read_matrix
+from ..models.basis import BasisDynamics, LumpedDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
@@ -23,14 +23,12 @@ from ..models.joint_effects import (
     chosen_kinds,
     without_joint_effects,
 )
-from ..models.linear_kinematics import GEOMETRY, FrameKinematics, FramesKinematics
-from ..models.lumped import LumpedDynamics
+from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.task_kinematics import ComKinematics, JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation, Words
 from ..robot.robot import Robot
 from ..tasks.frame import ComTask, ImageTask
-from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
 from .noise import Tuning
 from .rates import FORGETTING, PREDICTING
@@ -210,8 +208,8 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
-    if isinstance(robot.task, FramesTask):
-        return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
+    if robot.task.frames:
+        return FrameKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     filmed = isinstance(robot.task, ImageTask)
     if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
