@@ -194,8 +194,9 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     mj = mujoco_module()
     spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
     least = min(contact.friction for contact in robot.contacts)
-    plane = {"type": mj.mjtGeom.mjGEOM_PLANE, "size": [1.0, 1.0, 0.1]}
-    spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
+    spec.worldbody.add_geom(
+        type=mj.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], friction=[least, 0.0, 0.0]
+    )
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
         sides = [np.unique([-half, half]) for half in contact.sole or (0.0, 0.0)]

@@ -41,11 +41,10 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; friction overwrites the rotor inertias of the copy in every step."""
-        self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
+        self._robot, self._model = robot, robot.model.copy()
         self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._constraints = robot.constrained if robot.constraints else None
-        self._free = not (robot.friction.present or robot.constraints)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -62,8 +61,6 @@ class FittedMidpoint:
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         robot, model, data = self._robot, self._model, self._data
-        if self._free:
-            return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added
