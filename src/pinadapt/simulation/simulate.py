@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import arithmetic, instance, mapping, positive, whole, word
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
-from ..controller.state import Bridged, Sample
+from ..controller.state import Bridged, ControllerState, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
 from ..information.tracker import find_camera, find_tracker
 from ..models.camera_kinematics import CameraKinematics
@@ -27,7 +27,7 @@ from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..reference import SmallExcitation, starting_from
-from ..robot.motors import Actuators
+from ..robot.motors import Actuators, overloaded
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation
 from ..rollout.rollout import Rollout
@@ -35,12 +35,13 @@ from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike
 from ..trajectories.pose import placed_trajectory
 from ..tuning.make_controller import make_controller
+from ..tuning.preflight import preflight, sensor_findings
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
-from .prepare import findings, prepare
 
 Progress = Callable[[range], Iterable[int]]
 
+_START = ("a_k", "a_d", "information", "information_k")
 _MOST = 1e7  # samples of a run, some 20 minutes of computation; half or twice: of as much
 
 
@@ -206,6 +207,63 @@ def simulate(
     if rollout.interrupted is not None:
         raise Interrupted(rollout)
     return rollout
+
+
+@arithmetic("simulation")
+def prepare(
+    plant: SimulatedPlant,
+    controller: Controller,
+    start: LearnedParameters | Mapping[str, ArrayLike | None] | None,
+) -> ControllerState:
+    """Return the controller's initial state; check that it fits the plant.
+
+    Args:
+        plant: to be driven.
+        controller: that drives it.
+        start: initial estimates, as in ``simulate``.
+
+    Raises:
+        InputError: it does not, or the initial estimates cannot be used.
+    """
+    true, own = plant.robot, controller.kinematics
+    ours = true.joint_names, true.frames, true.task.name
+    theirs = own.joint_names, own.robot.frames, own.task.name
+    if ours != theirs:
+        raise InputError(
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
+    if isinstance(start, LearnedParameters):
+        start = start.start(controller)
+    given: Any = mapping(start, "start")
+    for name in given:
+        word(name, _START, "start")
+    return controller.init(plant.measure(), **given)
+
+
+def findings(
+    true: Robot,
+    controller: Controller,
+    engine: Engine,
+    sensors: Sensors,
+) -> list[str]:
+    """Return the findings on period, camera, encoders and motors before a sampled run.
+
+    Args:
+        true: the true robot.
+        controller: to drive it.
+        engine: what moves the true robot.
+        sensors: of the true robot.
+    """
+    if engine.continuous:
+        return []
+    dt, motors = engine.period(controller), engine.motors(true)
+    quality = sensors.quality(true.model.nv, dt)
+    found = [*preflight(controller, dt, engine.actuators), *sensor_findings(controller, quality)]
+    words = [str(each) for each in found]
+    if motors is not None and controller.compensation is None:
+        words += filter(None, [overloaded(true, motors)])
+    return words
 
 
 def after_excitation(
