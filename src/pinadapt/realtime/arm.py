@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
-from typing import Any
 
 import numpy as np
 
@@ -246,10 +245,10 @@ class ProcessArm(Arm):
         Raises:
             ArmError: the process does not start.
         """
-        options = {"period": period, "sensors": sensors}
         failure = ArmError("the process of the plant has not started.", where="plant", hint=MAIN)
-        arguments = failure, make, options, scheduling
-        self._process, self._link, facts = start_process(_serve, *arguments)
+        self._process, self._link, facts = start_process(
+            _serve, failure, make, period, sensors, scheduling
+        )
         self.pid, self._timeout = self._process.pid, timeout
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
@@ -293,14 +292,15 @@ class ProcessArm(Arm):
 def _serve(
     link: Connection,
     make: Callable[[], Plant],
-    options: dict[str, Any],
+    period: float,
+    sensors: Sensors | None,
     scheduling: Scheduling,
 ) -> None:
     """Move a plant on its own clock until the loop stops it or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     try:
-        arm = PlantArm(plant := make(), **options)
-        period = arm.facts.period
+        plant = make()
+        arm = PlantArm(plant, period, sensors=sensors)
         plant.step(np.zeros(plant.nv), period)  # kernels are compiled and touched
         plant.reset()
     except Exception as error:

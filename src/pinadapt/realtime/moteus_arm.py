@@ -138,15 +138,12 @@ class MoteusArm(Arm):
             ) from error
 
     def _message(self, command: Any) -> Any:
-        """Return the message of a command: its reply bit, source and destination are in the id."""
-        target = getattr(command.destination, "can_id", command.destination)
-        source = command.source | (0x80 if command.reply_required else 0)
-        number, data = command.can_prefix << 16 | source << 8 | target, bytes(command.data)
-        size = self._can.util.dlc2len(self._can.util.len2dlc(len(data)))
+        """Return the message of a command: destination and reply bit are in its id."""
+        size = self._can.util.dlc2len(self._can.util.len2dlc(len(command.data)))
         return self._can.Message(
-            arbitration_id=number,
-            is_extended_id=number > 0x7FF,
-            data=data.ljust(size, _NOTHING),
+            arbitration_id=command.destination | (0x8000 if command.reply_required else 0),
+            is_extended_id=command.reply_required,
+            data=command.data.ljust(size, _NOTHING),
             is_fd=True,
             bitrate_switch=True,
         )

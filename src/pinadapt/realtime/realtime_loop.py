@@ -109,22 +109,22 @@ class RunResult:
 
 
 class _Ramp(TimeLaw):
-    """The rate of the path's time s goes from ``first`` to ``last``, 0 or 1, within a while.
+    """The rate of the path's time s rises from 0 to 1 within a while, or falls where it ``halts``.
 
     At the instant ``begin`` [s], when it begins to change, the path's time is ``place`` [s].
     """
 
-    def __init__(self, begin: float, place: float, first: float, last: float) -> None:
-        self._begin, self._place, self._first, self._change = begin, place, first, last - first
+    def __init__(self, begin: float, place: float, *, halts: bool) -> None:
+        self._begin, self._place, self._halts = begin, place, halts
         self._start = SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
         since = t - self._begin
-        first, change = self._first, self._change
         s, rate, acceleration = self._start.at(since)
-        place = self._place + first * since + change * s
-        return place, first + change * rate, change * acceleration
+        if self._halts:
+            s, rate, acceleration = since - s, 1.0 - rate, -acceleration
+        return self._place + s, rate, acceleration
 
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s], moving."""
@@ -284,7 +284,7 @@ class RealtimeLoop:
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
         self._sent, _ = controller.safe(self._state, m, damping=0.0)
-        self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
+        self._enter(Phase.RUNNING, f"stage '{self.stage.value}'", commanded=True)
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
@@ -359,9 +359,17 @@ class RealtimeLoop:
         host = dt = 0.0
         while True:
             began, state = clock(), self._state
-            self._tick |= {"host": began - first, "dt": dt, **m._asdict()}
-            self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-            self._tick |= {"given": self._given, "received": arm.received, "asked": None}
+            self._tick |= {
+                "host": began - first,
+                "dt": dt,
+                **m._asdict(),
+                "a_k": state.a_k,
+                "a_d": state.a_d,
+                "adapting": state.adapting,
+                "given": self._given,
+                "received": arm.received,
+                "asked": None,
+            }
             torque = self._cycle(m, dt, host)
             if torque is not None:
                 arm.send(torque.copy())
@@ -387,8 +395,8 @@ class RealtimeLoop:
             dt, host = m.t - earlier, arrived - before
             result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
-            lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
-            self._blind = self._blind + host if lost else 0.0
+            seen = np.isfinite(m.q).all() or np.isfinite(m.v).all()
+            self._blind = 0.0 if seen else self._blind + host
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
@@ -501,14 +509,14 @@ class RealtimeLoop:
         if phase is Phase.HOLDING and self.stage is Stage.GRAVITY:
             phase = Phase.DAMPING
         result, name = self.result, phase.name.lower()
-        if not (phase is Phase.RUNNING or commanded):
+        if not commanded:
             result.reason = result.reason or why
         result.failed = result.failed or failed
         result.phases.append((self._t - self._begin, name, why))
         self._say(f"{name}: {why}")
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
-            self._path = Retimed(self._path, _Ramp(self._now, self._now, 1.0, 0.0))
+            self._path = Retimed(self._path, _Ramp(self._now, self._now, halts=True))
         self._phase, self._since, self._quiet = phase, 0.0, 0.0
         self._halted = commanded and phase is Phase.HOLDING
 
@@ -592,7 +600,7 @@ class RealtimeLoop:
 
     def _go(self, motion: Trajectory, place: float, why: str) -> None:
         """Move on along a motion from a place [s] of its own time, at rest there."""
-        self._path = Retimed(motion, _Ramp(self._now, place, 0.0, 1.0))
+        self._path = Retimed(motion, _Ramp(self._now, place, halts=False))
         self._enter(Phase.RUNNING, why, commanded=True)
 
 

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._checks import whole
+from .._checks import mapping, whole, word
 from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, ParameterError
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
+_STATED = ("t", "a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual", "step_us")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
@@ -157,8 +158,9 @@ class Recorder:
         self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
         self._count = 0
         failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
-        arguments = failure, shared, about, self.path, port, dict(translate or {})
-        self._process, self._link, self.port = start_process(_serve, *arguments)
+        self._process, self._link, self.port = start_process(
+            _serve, failure, shared, about, self.path, port, dict(translate or {})
+        )
         self.pid = self._process.pid
 
     def record(self, cycle: Mapping[str, Any]) -> None:
@@ -328,32 +330,30 @@ class _LogProcess:
         with suppress(OSError):
             said, sender = self._server.recvfrom(1 << 16)
             try:
-                reply = json.dumps(self._reply(json.loads(said)))
+                reply = self._reply(json.loads(said))
             except Exception as error:  # a command must not end the log
-                reply = json.dumps({"error": f"{error}"})
-            self._server.sendto(reply.encode(), sender)
+                reply = {"error": str(error)}
+            self._server.sendto(json.dumps(reply).encode(), sender)
 
     def _reply(self, asked: Any) -> dict[str, Any]:
-        name = asked.get("command") if isinstance(asked, dict) else None
-        if name not in COMMANDS:
-            known = ", ".join(COMMANDS)
-            return {"error": f"there is no command {name!r}; expected one of {known}."}
-        row = self._row
+        """Return the answer to a command.
+
+        Raises:
+            InputError: it is none, or cannot be done yet.
+        """
+        asked, row = mapping(asked, "datagram"), self._row
+        name, value = word(asked.get("command"), COMMANDS, "command"), asked.get("value")
         if name == "state":
-            numbers = ("a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual")
             return {
-                "t": float(row["t"]),
                 "cycle": self._read,
                 "phase": Phase(int(row["phase"])).name.lower(),
-                "adapting": bool(row["adapting"] == 1.0),
-                "step_us": float(row["step_us"]),
+                "adapting": bool(row["adapting"]),
                 "messages": list(self._messages),
-                **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
+                **{key: np.nan_to_num(row[key]).tolist() for key in _STATED},
             }
-        value = asked.get("value")
         if name in self._translate:
             if not self._read:
-                return {"error": "the loop has not started."}
+                raise InputError("the loop has not started.")
             value = self._translate[name](value, measurement_of(row))
         self._send(name, value)
         return {"done": name}
@@ -517,7 +517,6 @@ class CycleLog:
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
-        start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
         found, stepped = [], self.stepped
@@ -532,7 +531,7 @@ class CycleLog:
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
                 try:
-                    state = controller.init(m, **start)
+                    state = controller.init(m, **begun["start"])
                 except ParameterError:  # other unknowns: from its own estimates
                     state = controller.init(m)
             state = state.adapt(bool(row["adapting"])).gave(_signal(row, "given"))

@@ -229,7 +229,7 @@ class Checklist:
             self.residual = disturbance - self._mean
         full = np.abs(torque) > 0.999 * self.limit
         self._pushing = self._pushing + dt if full.any() else 0.0
-        pushing = full if self._pushing >= self._safety.saturated else False
+        pushing = full & (self._pushing >= self._safety.saturated)
         residual = np.abs(self.residual)
         outside: Any = False
         if self._box is not None:
