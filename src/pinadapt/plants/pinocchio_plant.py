@@ -44,7 +44,7 @@ class FittedMidpoint:
         self._robot, self._model = robot, robot.model.copy()
         self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
-        self._constraints = robot.constrained if robot.constraints else None
+        self._constraints = robot.constrained
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -53,7 +53,7 @@ class FittedMidpoint:
         half, solve = 0.5 * h, self._acceleration
         change = half * solve(q, v, v, tau, half)
         change = h * solve(pin.integrate(self._model, q, half * v), v + change, v, tau, h)
-        way = h * (v + (self._theta if self._constraints is None else 0.5) * change)
+        way = h * (v + (0.5 if self._robot.constraints else self._theta) * change)
         return pin.integrate(self._model, q, way), v + change
 
     def _acceleration(
@@ -61,10 +61,10 @@ class FittedMidpoint:
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         robot, model, data = self._robot, self._model, self._data
-        part = robot.friction_at(q) if robot.friction.loaded else robot.friction
+        part = robot.friction_at(q)
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added
-        if not part.shafts and self._constraints is None:
+        if not (part.shafts or robot.constraints):
             return pin.aba(model, data, q, v, tau)
         M = pin.crba(model, data, q)
         force = tau - pin.nonLinearEffects(model, data, q, v)
@@ -77,12 +77,10 @@ class FittedMidpoint:
 
     def solved(self, M: np.ndarray, force: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return a (nv) of M a = force + A^T lambda, A a = -dA/dt v with the constraints A."""
-        n = len(force)
-        if self._constraints is not None:
-            A, A_rate = self._constraints.at(q, v)
-            M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
-            force = np.concatenate([force, -A_rate @ v])
-        return np.asarray(np.linalg.solve(M, force))[:n]
+        A, A_rate = self._constraints.at(q, v)
+        both = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
+        found = np.linalg.solve(both, np.concatenate([force, -A_rate @ v]))
+        return np.asarray(found[: len(force)])
 
 
 class PinocchioPlant(SimulatedPlant):
