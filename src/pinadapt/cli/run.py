@@ -163,9 +163,7 @@ def view(options: Namespace) -> int:
     return Exit.DONE
 
 
-def cite_arguments(parser: ArgumentParser) -> None:
-    """Add the arguments of ``cite``."""
-    add_scenario(parser)
+cite_arguments = add_scenario
 
 
 def cite(options: Namespace) -> int:

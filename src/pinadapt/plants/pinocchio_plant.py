@@ -41,7 +41,7 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; friction overwrites the rotor inertias of the copy in every step."""
-        self._robot, self._model = robot, robot.model.copy()
+        self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
         self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._constraints = robot.constrained
@@ -61,6 +61,8 @@ class FittedMidpoint:
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         robot, model, data = self._robot, self._model, self._data
+        if not (robot.friction.present or robot.constraints):
+            return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q)
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added

@@ -190,10 +190,10 @@ class RealtimeLoop:
                 "start=found.start of what information.find_tracker returns.",
             )
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
-        self.safety = Safety() if safety is None else safety
+        self.safety = safety or Safety()
         self._checks = Checklist(self.safety, controller, arm.facts)
         self._recorder = recorder
-        self._scheduling = Scheduling() if scheduling is None else scheduling
+        self._scheduling = scheduling or Scheduling()
         self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
         self._flaw = ""  # of the latest measurement
@@ -563,6 +563,7 @@ class RealtimeLoop:
         Raises:
             InputError: it cannot be done now.
         """
+        begun = self._phase is not Phase.STARTING
         moving = self._phase is Phase.RUNNING and self.stage not in (Stage.LOG, Stage.GRAVITY)
         if name == "latch":
             self._checks.latched = str(value or "set by the operator")
@@ -574,9 +575,9 @@ class RealtimeLoop:
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             x = vector(value.get("x", ()), size, "frame.x", fills=False)
             self._frame = {"x": x, "x_time": self._t - age}
-        elif name == "stop" and self._phase is not Phase.STARTING:
+        elif name == "stop" and begun:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
-        elif name == "load" and self._phase is not Phase.STARTING:
+        elif name == "load" and begun:
             self._state = self._controller.announce(self._state, payload=load_of(value))
             self._checks.announced()
             self._event(load=value)

@@ -149,7 +149,7 @@ def run(
         instance(controller, Controller, "controller")  # any other with these two will do
     trajectory = usable_trajectory(controller, trajectory, duration)
     instance(sensors, SimulatedSensors | None, "sensors")
-    instance(events, Events | None, "events")
+    events = instance(Events() if events is None else events, Events, "events")
     plant.reset()
     if sensors is not None:
         sensors.reset()
@@ -177,9 +177,7 @@ def run(
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
-        state = after
-        if events is not None:
-            state = events.happen(plant, controller, state, truth.t, truth.t + dt)
+        state = events.happen(plant, controller, after, truth.t, truth.t + dt)
 
 
 def usable_trajectory(
