@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 
 import numpy as np
@@ -48,7 +48,7 @@ class ArmFacts:
     period: float
     torque: np.ndarray
     velocity: np.ndarray
-    torque_rate: np.ndarray = field(default_factory=lambda: np.array(np.inf))
+    torque_rate: np.ndarray = np.inf  # type: ignore[assignment]
     paced: bool = True
     clock: str = "arm"
     compensation: Compensation | None = None

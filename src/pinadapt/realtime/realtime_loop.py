@@ -358,9 +358,9 @@ class RealtimeLoop:
         due = arrived = first = clock()
         host = dt = 0.0
         while True:
-            began, state = clock(), self._state
+            state = self._state
             self._tick |= {
-                "host": began - first,
+                "host": arrived - first,
                 "dt": dt,
                 **m._asdict(),
                 "a_k": state.a_k,
@@ -373,7 +373,7 @@ class RealtimeLoop:
             torque = self._cycle(m, dt, host)
             if torque is not None:
                 arm.send(torque.copy())
-            spent = clock() - began
+            spent = clock() - arrived
             result.step[round(1e6 * spent)] += 1
             result.cycles += 1
             if recorder is not None:

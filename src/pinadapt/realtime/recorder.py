@@ -156,7 +156,6 @@ class Recorder:
         context, tick = get_context("spawn"), tick_of(about)
         shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
         self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
-        self._count = 0
         failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
         self._process, self._link, self.port = start_process(
             _serve, failure, shared, about, self.path, port, dict(translate or {})
@@ -169,33 +168,31 @@ class Recorder:
         Args:
             cycle: numbers by name; what is None or missing is NaN.
         """
-        if self._count - int(self._counts[1]) >= len(self._ring):
+        written, read = self._counts.tolist()
+        if written - read >= len(self._ring):
             self.trouble = "cycles are not in the log; its disk is too slow"
             return
-        row = self._ring[self._count % len(self._ring)]
+        row = self._ring[written % len(self._ring)]
         for name in row.dtype.names or ():
             row[name] = cycle.get(name)  # None is NaN there
-        self._count += 1
-        self._counts[0] = self._count
+        self._counts[0] = written + 1
 
     def event(self, **what: Any) -> None:
         """Log something that happens, as JSON, with the number of the coming cycle."""
         with suppress(OSError):
-            self._link.send({"cycle": self._count, **what})
+            self._link.send({"cycle": int(self._counts[0]), **what})
 
-    def commands(self) -> list[tuple[str, Any]]:
-        """Return the commands that have come; ``trouble`` may have changed."""
-        found: list[tuple[str, Any]] = []
+    def commands(self) -> Iterator[tuple[str, Any]]:
+        """Yield the commands that have come; ``trouble`` may have changed then."""
         try:
             while select.select([self._link], [], [], 0.0)[0]:
                 name, value = self._link.recv()
                 if name == "trouble":
                     self.trouble = value
                 else:
-                    found.append((name, value))
+                    yield name, value
         except (OSError, EOFError):
             self.trouble = "the process has died"
-        return found
 
     def close(self) -> None:
         """Have the rest written and end the process."""

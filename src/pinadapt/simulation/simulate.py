@@ -318,16 +318,12 @@ class Record:
 
     Attributes:
         samples: one of so many.
-        steps: how many there were.
-        step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
         reason: why, or None.
         interrupted: time [s] of the last sample before the user stopped the run, or None.
     """
 
     samples: list[Sample] = field(default_factory=list)
-    steps: int = 0
-    step_time: float = 0.0
     diverged: float | None = None
     reason: str | None = None
     interrupted: float | None = None
@@ -345,8 +341,7 @@ def record(
     samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
-            kept.steps, last = kept.steps + 1, sample.t
-            kept.step_time += sample.step_time
+            last = sample.t
             if k % every == 0:
                 whole, state = sample, controller.recorded(sample.state)
                 samples.append(sample._replace(state=state))
@@ -417,7 +412,7 @@ def rollout_of(
         diverged=kept.diverged,
         reason=kept.reason,
         wall_time=wall_time,
-        step_time=kept.step_time / max(kept.steps, 1),
+        step_time=float(np.mean([sample.step_time for sample in samples] or [0.0])),
         evaluation=Evaluation(controller, robots, samples),
         marks=tuple(sorted(words.items())),
         interrupted=kept.interrupted,
