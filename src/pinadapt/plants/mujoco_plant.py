@@ -106,7 +106,7 @@ class MujocoPlant(SimulatedPlant):
             write_robot(self.model, robot)
             M = pin.crba(self._model, self._data, robot.q0)
             decays = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
-            self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
+            self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, np.abs(decays).max())
         else:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
 
@@ -292,7 +292,7 @@ class MujocoFile:
         mj, path = mujoco_module(), str(self.path)
         try:
             spec = mj.MjSpec.from_file(path)
-            names = self._names(robot, [str(joint.name) for joint in spec.joints])
+            names = self._names(robot, [joint.name for joint in spec.joints])
             site = self._site(spec, robot) if robot.task.positions else ""
             self._hold(spec, spec.compile(), names)
             model = spec.compile()
@@ -301,10 +301,10 @@ class MujocoFile:
         except ValueError as error:
             raise InputError(f"MuJoCo cannot read it: {error}", where=path) from error
         model.body_gravcomp[:] = 0.0
-        joints = [int(model.joint(name).id) for name in names]
-        number = int(model.site(site).id) if site else 0
-        bodies = [str(body.name) for body in spec.bodies]
-        base = int(model.body(word(self.base or "world", bodies, "base")).id)
+        joints = [model.joint(name).id for name in names]
+        number = model.site(site).id if site else 0
+        bodies = [body.name for body in spec.bodies]
+        base = model.body(word(self.base or "world", bodies, "base")).id
         if model.body_weldid[base]:
             words = f"the body '{self.base}' moves; the base must be fixed."
             raise InputError(words, where="base")
@@ -323,7 +323,7 @@ class MujocoFile:
 
     def _site(self, spec: Any, robot: Robot) -> str:
         """Return the name of the site that is the task frame; it is added to a body."""
-        sites, bodies = ([str(each.name) for each in all] for all in (spec.sites, spec.bodies))
+        sites, bodies = ([each.name for each in all] for all in (spec.sites, spec.bodies))
         name = word(self.frame or robot.frame, [*sites, *bodies], "frame")
         if name in sites:
             return name
@@ -333,10 +333,10 @@ class MujocoFile:
     def _hold(self, spec: Any, model: mujoco.MjModel, names: Sequence[str]) -> None:
         """Hold the arm's joints other than those with ``names`` at their reference position."""
         mj, roots = mujoco_module(), model.body_rootid[model.jnt_bodyid]
-        arm = {int(roots[model.joint(name).id]) for name in names}
+        arm = {roots[model.joint(name).id] for name in names}
         for joint in range(model.njnt):
-            name = str(model.joint(joint).name)
-            if name not in names and int(roots[joint]) in arm:
+            name = model.joint(joint).name
+            if name not in names and roots[joint] in arm:
                 equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
                 held = spec.add_equality(type=equality, objtype=kind, name1=name)
                 _stiffen(held.solref, held.solimp)

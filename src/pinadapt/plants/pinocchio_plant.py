@@ -71,9 +71,9 @@ class FittedMidpoint:
         M = pin.crba(model, data, q)
         force = tau - pin.nonLinearEffects(model, data, q, v)
         for d, shaft in zip(part.directions, part.shafts, strict=True):
-            x = max(abs(float(d @ v)) / shaft.threshold, 1e-6)
+            x = max(abs(d @ v) / shaft.threshold, 1e-6)
             secant = shaft.viscous + shaft.coulomb / shaft.threshold * math.tanh(x) / x
-            force -= secant * float(d @ start) * d
+            force -= secant * (d @ start) * d
             M += (shaft.armature + h * secant) * np.outer(d, d)  # implicit
         return self.solved(M, force, q, v)
 
@@ -82,7 +82,7 @@ class FittedMidpoint:
         A, A_rate = self._constraints.at(q, v)
         both = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
         found = np.linalg.solve(both, np.concatenate([force, -A_rate @ v]))
-        return np.asarray(found[: len(force)])
+        return found[: len(force)]
 
 
 class PinocchioPlant(SimulatedPlant):
@@ -142,7 +142,7 @@ class PinocchioPlant(SimulatedPlant):
         friction = self.robot.friction
         rotors = np.array([shaft.armature for shaft in friction.shafts])
         coupled = friction.directions.T * rotors @ friction.directions
-        return np.asarray(pin.crba(self._model, self._data, q) + coupled)
+        return pin.crba(self._model, self._data, q) + coupled
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""
@@ -150,4 +150,4 @@ class PinocchioPlant(SimulatedPlant):
 
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
-        return np.asarray(pin.integrate(self._model, q, step))
+        return pin.integrate(self._model, q, step)

@@ -113,7 +113,7 @@ class SimulatedPlant(Plant):
         self.substeps = None if substeps is None else whole(substeps, "substeps", 1)
         self.torque_limits = limits_of(robot, torque_limits)
         self.compensation = compensation_of(robot, compensation)
-        self.nv = int(robot.model.nv)
+        self.nv = robot.model.nv
         self.actuators = instance(actuators or Actuators(), Actuators, "actuators")
         if self.actuators.elastic and not self.springs:
             raise InputError(

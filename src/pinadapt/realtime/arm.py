@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 
@@ -68,12 +69,15 @@ class ArmFacts:
             object.__setattr__(self, name, limits)
 
     @classmethod
-    def of(cls, robot: Robot, **given: object) -> ArmFacts:
+    def of(cls, robot: Robot, **given: Any) -> ArmFacts:
         """Return the facts of an arm with the joints and limits of a description."""
-        model = robot.model
-        limits = {"torque": effort_limits(model), "velocity": velocity_limits(model)}
-        parts = {"name": robot.name, "joints": tuple(robot.joint_names), **limits, **given}
-        return cls(**parts)  # type: ignore[arg-type]
+        described: dict[str, Any] = {
+            "name": robot.name,
+            "joints": tuple(robot.joint_names),
+            "torque": effort_limits(robot.model),
+            "velocity": velocity_limits(robot.model),
+        }
+        return cls(**described | given)
 
 
 class Arm(ABC):

@@ -170,7 +170,7 @@ class MoteusArm(Arm):
                 if k is None or number & 0x7F:
                     continue
                 values = self._moteus.parse_registers(bytes(message.data)).response
-                if int(values.get(register.MODE, 0)) in (modes.FAULT, modes.TIMEOUT):
+                if values.get(register.MODE) in (modes.FAULT, modes.TIMEOUT):
                     raise ArmError(
                         f"the motor of {self.motors[k].joint} has fault "
                         f"{values.get(register.FAULT, 0)}, or was stopped by its watchdog.",
@@ -192,7 +192,7 @@ class MoteusArm(Arm):
         self._runs()
         self._missed = np.where(self._ask(), 0, self._missed + 1)
         if (self._missed >= _MISSED).any():
-            lost = self.motors[int(self._missed.argmax())].joint
+            lost = self.motors[self._missed.argmax()].joint
             raise ArmError(
                 f"the motor of {lost} has not answered for {_MISSED} cycles.",
                 where=self.facts.name,

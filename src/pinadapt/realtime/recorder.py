@@ -82,9 +82,17 @@ def shapes_of(controller: Controller) -> dict[str, list[int]]:
     kinematics = controller.kinematics
     n, x, m = kinematics.nv, kinematics.task.coordinates, kinematics.task.size
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
-    sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
-    sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
-    sizes["feet"] = 10 * len(kinematics.robot.contacts)  # NaN: all stand
+    sizes |= {
+        "q": kinematics.nq,
+        "x": x,
+        "x_d": x,
+        "xd": m,
+        "xd_d": m,
+        "xdd_d": m,
+        "a_k": kinematics.size,
+        "a_d": controller.dynamics.size,
+        "feet": 10 * len(kinematics.robot.contacts),  # NaN: all stand
+    }
     one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
     return {name: [] for name in one} | {name: [size] for name, size in sizes.items()}
 
@@ -149,8 +157,8 @@ class Recorder:
             "law": controller.law.name,
             "period": repr(controller.period),
             "record": json.dumps(shapes_of(controller)),
-            "kinematic_names": json.dumps(list(kinematics.names)),
-            "dynamic_names": json.dumps(list(controller.dynamics.names)),
+            "kinematic_names": json.dumps(kinematics.names),
+            "dynamic_names": json.dumps(controller.dynamics.names),
             **(about or {}),
         }
         context, tick = get_context("spawn"), tick_of(about)
@@ -300,14 +308,14 @@ class _LogProcess:
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
-        return self._start + round(1e9 * float(self._row["t"]))
+        return self._start + round(1e9 * self._row["t"])
 
     def _drain(self) -> None:
         """Take the records that have come."""
-        while self._read < int(self._counts[0]):
+        while self._read < self._counts[0]:
             self._row = row = self._ring[self._read % len(self._ring)].copy()
             if not self._read:
-                self._start -= round(1e9 * float(row["t"]))
+                self._start -= round(1e9 * row["t"])
             self._read += 1
             self._counts[1] = self._read
             self._add("/pinadapt/cycle", _LITTLE_ENDIAN + row.tobytes())
@@ -514,10 +522,10 @@ class CycleLog:
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
-        announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
+        announced = {event["cycle"]: event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
         found, stepped = [], self.stepped
-        for k, row in enumerate(np.asarray(self.cycles)):
+        for k, row in enumerate(self.cycles):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
             if not stepped[k]:
@@ -532,7 +540,7 @@ class CycleLog:
                 except ParameterError:  # other unknowns: from its own estimates
                     state = controller.init(m)
             state = state.adapt(bool(row["adapting"])).gave(_signal(row, "given"))
-            torque, state = controller.step(state, m, desired, float(begun["period"]))
+            torque, state = controller.step(state, m, desired, begun["period"])
             found.append(torque)
         logged = self.cycles.asked[stepped]
         return ReplayedTorques(np.reshape(found, logged.shape), logged)
@@ -558,7 +566,7 @@ class ReplayedTorques:
     @property
     def difference(self) -> np.ndarray:
         """(n) root mean square of the differences [N m or N]."""
-        return np.asarray(np.sqrt(np.mean((self.torque - self.logged) ** 2, axis=0)))
+        return np.sqrt(np.mean((self.torque - self.logged) ** 2, axis=0))
 
 
 def load_of(table: Mapping[str, Any] | None) -> Payload | None:
