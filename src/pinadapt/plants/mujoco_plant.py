@@ -289,9 +289,9 @@ class MujocoFile:
             RobotError: the robot has several task frames.
         """
         robot.check_single_frame()
-        mj, path = mujoco_module(), str(self.path)
+        path = str(self.path)
         try:
-            spec = mj.MjSpec.from_file(path)
+            spec = mujoco_module().MjSpec.from_file(path)
             names = self._names(robot, [joint.name for joint in spec.joints])
             site = self._site(spec, robot) if robot.task.positions else ""
             self._hold(spec, spec.compile(), names)
@@ -337,8 +337,9 @@ class MujocoFile:
         for joint in range(model.njnt):
             name = model.joint(joint).name
             if name not in names and roots[joint] in arm:
-                equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
-                held = spec.add_equality(type=equality, objtype=kind, name1=name)
+                held = spec.add_equality(
+                    type=mj.mjtEq.mjEQ_JOINT, objtype=mj.mjtObj.mjOBJ_JOINT, name1=name
+                )
                 _stiffen(held.solref, held.solimp)
 
 

@@ -130,7 +130,8 @@ class SimulatedSensors:
 
     def _seen(self, truth: Measurement) -> Measurement:
         """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
-        k, self._sample = self._sample, self._sample + 1
+        k = self._sample
+        self._sample += 1
         if k == 0:
             self._truths.extend([truth] * self._late)
         self._truths.append(truth)

@@ -257,7 +257,7 @@ class RealtimeLoop:
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
-        arm, controller = self._arm, self._controller
+        controller = self._controller
         start = {name: np.asarray(part).tolist() for name, part in self._start.items()}
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
@@ -274,9 +274,9 @@ class RealtimeLoop:
             self._note("contact is not detected: law and adaptation observe no disturbance")
         gc.collect()
         gc.disable()
-        arm.read()
+        self._arm.read()
         if self.stage is not Stage.LOG:
-            arm.begin()
+            self._arm.begin()
         m = self._read()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
@@ -353,7 +353,7 @@ class RealtimeLoop:
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
         """Run the cycles from the first measurement on."""
-        arm, result, period, recorder = self._arm, self.result, self._period, self._recorder
+        result = self.result
         clock = time.perf_counter
         due = arrived = first = clock()
         host = dt = 0.0
@@ -367,25 +367,25 @@ class RealtimeLoop:
                 "a_d": state.a_d,
                 "adapting": state.adapting,
                 "given": self._given,
-                "received": arm.received,
+                "received": self._arm.received,
                 "asked": None,
             }
             torque = self._cycle(m, dt, host)
             if torque is not None:
-                arm.send(torque.copy())
+                self._arm.send(torque.copy())
             spent = clock() - arrived
             result.step[round(1e6 * spent)] += 1
             result.cycles += 1
-            if recorder is not None:
+            if self._recorder is not None:
                 self._tick |= {"step_us": 1e6 * spent, "phase": self._phase, "sent": self._sent}
-                recorder.record(self._tick)
+                self._recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
             over = duration is not None and m.t - self._begin >= duration
             if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
-            due += period
-            if clock() > due + period:
+            due += self._period
+            if clock() > due + self._period:
                 due = clock()  # missed deadlines are not made up for
             if not self._facts.paced:
                 time.sleep(max(due - clock(), 0.0))
@@ -397,7 +397,7 @@ class RealtimeLoop:
             host = 0.0 if self._facts.clock == "simulated" else host
             seen = np.isfinite(m.q).all() or np.isfinite(m.v).all()
             self._blind = 0.0 if seen else self._blind + host
-            result.late += max(dt, host) > 1.5 * period
+            result.late += max(dt, host) > 1.5 * self._period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
@@ -448,7 +448,8 @@ class RealtimeLoop:
         self._state = after
         feet = getattr(desired.feet, "table", None)
         self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
-        sensed, x = after.sensed, np.asarray(after.sensed.x)
+        sensed = after.sensed
+        x = np.asarray(sensed.x)
         dx = controller.kinematics.task.error(x, desired.x_d)
         age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
         pushed = None if logging else controller.disturbance(after)

@@ -343,8 +343,8 @@ def record(
         for k, sample in zip(indices, stream, strict=False):
             last = sample.t
             if k % every == 0:
-                whole, state = sample, controller.recorded(sample.state)
-                samples.append(sample._replace(state=state))
+                whole = sample
+                samples.append(sample._replace(state=controller.recorded(sample.state)))
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
