@@ -154,7 +154,8 @@ def view(options: Namespace) -> int:
     from ..realtime.recorder import watched
     from ..view.live import LiveView
 
-    robot, controller = scenario.true, scenario.controller
+    robot = scenario.true
+    controller = scenario.controller
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
         for _ in live.watch(
             watched(port, controller, robot)

@@ -67,7 +67,8 @@ class ElasticPlant(SimulatedPlant):
             )
         refuse_missing(robot, "elastic joints")
         super()._take(robot)
-        self._B, self._model.armature = rotors, np.zeros(self.nv)
+        self._B = rotors
+        self._model.armature = np.zeros(self.nv)
 
     def _read(self) -> None:
         """Take the q and v that the encoders measure, at the links or at the motors."""
@@ -85,7 +86,8 @@ class ElasticPlant(SimulatedPlant):
         count = self.steps_in(dt)
         h = dt / count
         for _ in range(count):
-            links, before = self._links, np.array([self._v, self._w])
+            links = self._links
+            before = np.array([self._v, self._w])
             means = self._means(links, before, tau, 0.5 * h)
             middle = pin.integrate(self._model, links, 0.5 * h * means[0])
             means = self._means(middle, 2.0 * means - before, tau, h)

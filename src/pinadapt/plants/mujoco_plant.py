@@ -62,7 +62,8 @@ class MujocoPlant(SimulatedPlant):
         mj = mujoco_module()
         self.described = mjcf is None
         self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
-        self.model, joints = self._chain.model, self._chain.joints
+        self.model = self._chain.model
+        joints = self._chain.joints
         self.data = mj.MjData(self.model)
         self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
         if self.described:
@@ -153,7 +154,8 @@ class MujocoChain(NamedTuple):
     def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Return x and the task velocity (m) in the axes of the base, after updating the data."""
         assert isinstance(task, FrameTask)
-        mj, twist = mujoco_module(), np.empty(6)
+        mj = mujoco_module()
+        twist = np.empty(6)
         for update in (mj.mj_kinematics, mj.mj_comPos, mj.mj_comVel):
             update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
@@ -192,7 +194,8 @@ def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Add the ground, and small spheres that touch it: one a point foot, four a sole."""
     mj = mujoco_module()
-    spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
+    spec.option.cone = mj.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _NO_SLIP
     least = min(contact.friction for contact in robot.contacts)
     spec.worldbody.add_geom(
         type=mj.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], friction=[least, 0.0, 0.0]
@@ -217,7 +220,8 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     without mass, and inertias that are not physical.
     """
     refuse_missing(robot, "MuJoCo", Contact)
-    mj, chain = mujoco_module(), robot.model
+    mj = mujoco_module()
+    chain = robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
         write_inertia(model, i, chain.inertias[i])
@@ -246,7 +250,8 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     constant and d the share of the ideal force. It should be f v / threshold, hence
     T (1 - d) = 2 threshold / (A f).
     """
-    friction, dry = robot.friction, robot.friction.coulomb > 0.0
+    friction = robot.friction
+    dry = robot.friction.coulomb > 0.0
     product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
     constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
     model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
@@ -332,7 +337,8 @@ class MujocoFile:
 
     def _hold(self, spec: Any, model: mujoco.MjModel, names: Sequence[str]) -> None:
         """Hold the arm's joints other than those with ``names`` at their reference position."""
-        mj, roots = mujoco_module(), model.body_rootid[model.jnt_bodyid]
+        mj = mujoco_module()
+        roots = model.body_rootid[model.jnt_bodyid]
         arm = {roots[model.joint(name).id] for name in names}
         for joint in range(model.njnt):
             name = model.joint(joint).name
@@ -357,15 +363,19 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
             is too far away (30 % of the arm length), or turned by more than 30 degrees in a pose
             task.
     """
-    mj, model, chain = mujoco_module(), found.model, robot.model
-    data, ours = mj.MjData(model), chain.createData()
+    mj = mujoco_module()
+    model = found.model
+    chain = robot.model
+    data = mj.MjData(model)
+    ours = chain.createData()
     data.qpos[model.jnt_qposadr[found.joints]] = robot.home_angles
     mj.mj_kinematics(model, data)
     pin.framesForwardKinematics(chain, ours, robot.q0)
     turn = data.xmat[found.base].reshape(3, 3)
     hint = "Correct the file, or name as `base` the body whose frame is the description's world."
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
-        axis, theirs = ours.oMi[i].rotation @ axis_of(chain, i), turn.T @ data.xaxis[joint]
+        axis = ours.oMi[i].rotation @ axis_of(chain, i)
+        theirs = turn.T @ data.xaxis[joint]
         slide = is_slide(chain.joints[i])
         kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
         if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:

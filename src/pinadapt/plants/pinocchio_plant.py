@@ -41,8 +41,11 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; friction overwrites the rotor inertias of the copy in every step."""
-        self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
-        self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
+        self._robot = robot
+        self._model = robot.model.copy()
+        self._theta = 0.5
+        self._data = self._model.createData()
+        self._rotors = np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._constraints = robot.constrained
 
@@ -50,7 +53,8 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
-        half, solve = 0.5 * h, self._acceleration
+        half = 0.5 * h
+        solve = self._acceleration
         change = half * solve(q, v, v, tau, half)
         change = h * solve(pin.integrate(self._model, q, half * v), v + change, v, tau, h)
         way = h * (v + (0.5 if self._robot.constraints else self._theta) * change)
@@ -60,7 +64,9 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
-        robot, model, data = self._robot, self._model, self._data
+        robot = self._robot
+        model = self._model
+        data = self._data
         if not (robot.friction.present or robot.constraints):
             return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q)
@@ -127,7 +133,8 @@ class PinocchioPlant(SimulatedPlant):
         Raises:
             LinAlgError: M - feedthrough is singular.
         """
-        M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
+        M = self.mass_matrix(q)
+        friction = self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
         return self._integrate.solved(M, force, q, v)

@@ -141,7 +141,8 @@ class SimulatedPlant(Plant):
 
     def _take(self, robot: Robot) -> None:
         """Move as a robot from now on; a subclass takes what else it needs of it."""
-        self.robot, self._model = robot, robot.model.copy()
+        self.robot = robot
+        self._model = robot.model.copy()
         self._data = self._model.createData()
         self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
 

@@ -253,7 +253,8 @@ class ProcessArm(Arm):
         self._process, self._link, facts = start_process(
             _serve, failure, make, period, sensors, scheduling
         )
-        self.pid, self._timeout = self._process.pid, timeout
+        self.pid = self._process.pid
+        self._timeout = timeout
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:

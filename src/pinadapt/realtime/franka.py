@@ -88,7 +88,8 @@ class FrankaArm(Arm):
         torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
         wrench = vector(forces, len(FORCES), "forces", fills=False).tolist()
         self._thresholds = torques, torques, wrench, wrench  # of contact and collision alike
-        self._load, self._recover = load, recover
+        self._load = load
+        self._recover = recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",

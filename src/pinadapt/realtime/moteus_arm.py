@@ -111,8 +111,11 @@ class MoteusArm(Arm):
                 where="motors",
             )
         self.motors = [motors[of.index(name)] for name in names]
-        self._can, self._moteus, self._clock = can, moteus, clock
-        self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
+        self._can = can
+        self._moteus = moteus
+        self._clock = clock
+        self._timeout = positive(timeout, "timeout")
+        self._silence = positive(silence, "silence")
         self.facts = ArmFacts.of(
             robot,
             name=f"motors at {channel}",
@@ -126,7 +129,8 @@ class MoteusArm(Arm):
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
-        self._raw, self._missed = np.zeros((3, len(names))), np.full(len(names), _MISSED)
+        self._raw = np.zeros((3, len(names)))
+        self._missed = np.full(len(names), _MISSED)
         try:
             self._bus = can.Bus(interface=interface, channel=channel, fd=True)
         except (can.CanError, OSError, ValueError, NotImplementedError) as error:

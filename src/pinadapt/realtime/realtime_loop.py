@@ -176,7 +176,8 @@ class RealtimeLoop:
         self._arm = instance(arm, Arm, "arm")
         self._controller = instance(controller, Controller, "controller")
         self.stage = Stage(word(stage, [each.value for each in Stage], "stage"))
-        self._facts, self._period = arm.facts, arm.facts.period
+        self._facts = arm.facts
+        self._period = arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
         given = (start or {}).items()
@@ -205,7 +206,8 @@ class RealtimeLoop:
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
-        self._adapting, self._settled_for = self.stage is Stage.ADAPT, math.inf
+        self._adapting = self.stage is Stage.ADAPT
+        self._settled_for = math.inf
         self._frame: dict[str, Any] = {}  # x and x_time, of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
@@ -242,7 +244,8 @@ class RealtimeLoop:
             try:
                 self._cycles(self._prepared(), duration)
             except BaseException as error:
-                begun, expected = self._phase is not Phase.STARTING, isinstance(error, ArmError)
+                begun = self._phase is not Phase.STARTING
+                expected = isinstance(error, ArmError)
                 words = str(error) if expected else f"{type(error).__name__}: {error}"
                 self._enter(Phase.STOPPED, words, failed=True)
                 if not (begun and expected):
@@ -293,7 +296,8 @@ class RealtimeLoop:
         Raises:
             PinadaptError: the controller refuses the measurement.
         """
-        controller, period = self._controller, self._period
+        controller = self._controller
+        period = self._period
         task = controller.kinematics.task
         aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
@@ -328,9 +332,11 @@ class RealtimeLoop:
         Raises:
             ArmError: something is wrong with it before anything moves.
         """
-        given, kinematics = self._arm.read(), self._controller.kinematics
+        given = self._arm.read()
+        kinematics = self._controller.kinematics
         unknown = np.full(kinematics.nq, np.nan), np.full(kinematics.nv, np.nan)
-        m, self._flaw = Measurement(self._t + self._period, *unknown), ""
+        m = Measurement(self._t + self._period, *unknown)
+        self._flaw = ""
         try:
             m = self._inputs.measurement(given)._replace(tau=None)
             m = m._replace(tau=self._inputs.torque(given.tau))
@@ -340,7 +346,8 @@ class RealtimeLoop:
         if self._flaw and self._phase is Phase.STARTING:
             raise ArmError(self._flaw, where=self._facts.name)
         if self.stage is Stage.LOG:  # the torque is not that of the controller
-            self._given, m = m.tau, m._replace(tau=None)
+            self._given = m.tau
+            m = m._replace(tau=None)
         self._t = m.t
         for name, value in self._recorder.commands() if self._recorder is not None else ():
             try:
@@ -348,7 +355,8 @@ class RealtimeLoop:
             except PinadaptError as error:
                 self._note(f"refused: {error}")
         if m.x is None:
-            m, self._frame = m._replace(**self._frame), {}
+            m = m._replace(**self._frame)
+            self._frame = {}
         return m
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
@@ -433,7 +441,8 @@ class RealtimeLoop:
 
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
-        controller, logging = self._controller, self.stage is Stage.LOG
+        controller = self._controller
+        logging = self.stage is Stage.LOG
         adapting = self._adapting and self._settled_for > _SETTLED and self._phase is Phase.RUNNING
         state = self._state.adapt(adapting).gave(self._given)
         try:
@@ -497,7 +506,8 @@ class RealtimeLoop:
         """Enter the phase of a finding, unless it or a later one has been entered already."""
         if finding is None:
             return
-        phase, failed = finding.phase, finding.check not in ("interrupt", "stop")
+        phase = finding.phase
+        failed = finding.check not in ("interrupt", "stop")
         if phase > self._phase or (phase is Phase.HOLDING and self._halted):
             self._enter(phase, str(finding), failed=failed)
 
@@ -509,7 +519,8 @@ class RealtimeLoop:
             phase = Phase.STOPPED
         if phase is Phase.HOLDING and self.stage is Stage.GRAVITY:
             phase = Phase.DAMPING
-        result, name = self.result, phase.name.lower()
+        result = self.result
+        name = phase.name.lower()
         if not commanded:
             result.reason = result.reason or why
         result.failed = result.failed or failed
@@ -612,7 +623,8 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
     Raises:
         InputError: other joints, another period, or gravity that is compensated by both or neither.
     """
-    facts, names = arm.facts, controller.kinematics.joint_names
+    facts = arm.facts
+    names = controller.kinematics.joint_names
     if len(facts.joints) != len(names):
         raise InputError(
             f"the arm has {len(facts.joints)} joints {list(facts.joints)}, the controller's robot "

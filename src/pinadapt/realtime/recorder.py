@@ -147,7 +147,8 @@ class Recorder:
             InputError: the file cannot be written, or the port is in use.
         """
         kinematics = controller.kinematics
-        self.path, self.trouble = Path(path), ""
+        self.path = Path(path)
+        self.trouble = ""
         if port is not None:
             whole(port, "port", 0, most=2**16 - 1)
         about = {
@@ -161,7 +162,8 @@ class Recorder:
             "dynamic_names": json.dumps(controller.dynamics.names),
             **(about or {}),
         }
-        context, tick = get_context("spawn"), tick_of(about)
+        context = get_context("spawn")
+        tick = tick_of(about)
         shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
         self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
         failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
@@ -249,7 +251,8 @@ class _LogProcess:
         self._ring = np.frombuffer(shared[0], tick_of(about))
         self._counts = np.frombuffer(shared[1], "u8")  # of records, written and read
         self._link = link
-        self._translate, self._read = translate, 0
+        self._translate = translate
+        self._read = 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start = time.time_ns()  # at the arm's time zero, once it is known
@@ -346,8 +349,10 @@ class _LogProcess:
         Raises:
             InputError: it is none, or cannot be done yet.
         """
-        asked, row = mapping(asked, "datagram"), self._row
-        name, value = word(asked.get("command"), COMMANDS, "command"), asked.get("value")
+        asked = mapping(asked, "datagram")
+        row = self._row
+        name = word(asked.get("command"), COMMANDS, "command")
+        value = asked.get("value")
         if name == "state":
             return {
                 "cycle": self._read,
@@ -524,7 +529,8 @@ class CycleLog:
             raise LogError("does not contain the start of the loop.", where="log")
         announced = {event["cycle"]: event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
-        found, stepped = [], self.stepped
+        found = []
+        stepped = self.stepped
         for k, row in enumerate(self.cycles):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))

@@ -134,9 +134,13 @@ class Checklist:
         Raises:
             InputError: a box for another number of coordinates.
         """
-        robot, self._task = controller.kinematics.robot, controller.kinematics.task
-        model, n = robot.model, robot.model.nv
-        self._safety, self._period, self._joints = safety, facts.period, robot.joint_names
+        robot = controller.kinematics.robot
+        self._task = controller.kinematics.task
+        model = robot.model
+        n = robot.model.nv
+        self._safety = safety
+        self._period = facts.period
+        self._joints = robot.joint_names
         self.limit = np.minimum(facts.torque, effort_limits(model))
         if controller.limits.torque is not None:
             self.limit = np.minimum(self.limit, controller.limits.torque)
@@ -159,14 +163,16 @@ class Checklist:
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise
         self._contact = np.maximum(safety.contact * self.limit, least)
-        self.residual, self.latched = np.zeros(n), ""
+        self.residual = np.zeros(n)
+        self.latched = ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = 0.0  # [s] at a limit
         self.announced()
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
-        self._mean, self._time = np.zeros(self.limit.size), 0.0
+        self._mean = np.zeros(self.limit.size)
+        self._time = 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -179,7 +185,8 @@ class Checklist:
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
             received: share of the last torques that the arm has received; NaN: not known.
         """
-        safety, speed = self._safety, np.abs(m.v)
+        safety = self._safety
+        speed = np.abs(m.v)
         periods = max(dt, host) / self._period
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t

@@ -154,7 +154,8 @@ def run(
     if sensors is not None:
         sensors.reset()
     simulated: Any = plant
-    given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
+    given = None
+    governed = getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         measurement = truth if sensors is None else sensors.measure(truth, given)
@@ -195,7 +196,8 @@ def usable_trajectory(
         InputError: it is no motion, has not the coordinates of the task, is not finite at its
             start, or does not come to rest where the law is for a set point.
     """
-    kinematics, law = getattr(controller, "kinematics", None), getattr(controller, "law", None)
+    kinematics = getattr(controller, "kinematics", None)
+    law = getattr(controller, "law", None)
     trajectory = as_trajectory(given, None if kinematics is None else kinematics.task)
     if law is None or not law.set_point or trajectory.settles is not None:
         return trajectory
@@ -297,13 +299,15 @@ def run_continuous(
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
     """
-    trajectory, q = usable_trajectory(controller, trajectory, duration), plant.robot.q0
+    trajectory = usable_trajectory(controller, trajectory, duration)
+    q = plant.robot.q0
     if state is None:
         state = controller.init(plant.measurement(q, np.zeros(plant.nv)))
     if state.start is not None:  # samples are what it waits for
         path = None if controller.limits.governor is None else PathTime()
         state = state._replace(start=None, path=path)
-    events, n = events or Events(), plant.nv
+    events = events or Events()
+    n = plant.nv
 
     def slope(
         y: np.ndarray, t: float, before: ControllerState

@@ -178,7 +178,8 @@ def simulate(
             warnings.warn(finding, stacklevel=3)
         options["sensors"] = None if sensors.perfect else simulated
         stream = run(plant, controller, trajectory, **options)
-    live, name = progress == "live", title or true.name
+    live = progress == "live"
+    name = title or true.name
     steps = watched(indices, None if live else progress, name)
     with ExitStack() as stack, np.errstate(all="ignore"):  # a loop that diverges overflows
         if live:
@@ -225,7 +226,8 @@ def prepare(
     Raises:
         InputError: it does not, or the initial estimates cannot be used.
     """
-    true, own = plant.robot, controller.kinematics
+    true = plant.robot
+    own = controller.kinematics
     ours = true.joint_names, true.frames, true.task.name
     theirs = own.joint_names, own.robot.frames, own.task.name
     if ours != theirs:
@@ -289,7 +291,8 @@ def after_excitation(
         LogError: the frames show none, see ``find_tracker`` and ``find_camera``.
         DivergedError: the motion diverged.
     """
-    robot, seen = controller.kinematics.robot, controller.sensors
+    robot = controller.kinematics.robot
+    seen = controller.sensors
     noise = {name: seen.noise[name] for name in ("q", "v") if name in seen.noise}
     own = make_controller(
         replace(robot, task=JointTask.of_joints(robot.model)),
@@ -337,7 +340,8 @@ def record(
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
-    kept, last = Record(), 0.0
+    kept = Record()
+    last = 0.0
     samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
@@ -377,7 +381,8 @@ def rollout_of(
         wall_time: of the run [s].
         extent: of the desired path, see ``Trajectory.extent``.
     """
-    robot, samples = robots.robots[0], kept.samples
+    robot = robots.robots[0]
+    samples = kept.samples
     n, coordinates = plant.nv, robot.task.coordinates
 
     def column(of: Callable[[Sample], np.ndarray | None], size: int) -> np.ndarray:
