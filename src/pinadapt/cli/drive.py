@@ -209,7 +209,8 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     Raises:
         InputError: there is none, or it cannot be connected.
     """
-    kind, address = options.kind, options.address
+    kind = options.kind
+    address = options.address
     if kind == "simulated":
         make = partial(scenario.engine.make, scenario.true.undrawn(), scenario.controller)
         period = scenario.engine.period(scenario.controller)

@@ -124,7 +124,8 @@ def view(options: Namespace) -> int:
     Raises:
         InputError: the folder contains no animation, or the scenario cannot be used.
     """
-    place, port = options.scenario, options.attach
+    place = options.scenario
+    port = options.attach
     if place is not None and place.is_dir():
         from ..view.live import open_in_browser
 

@@ -251,7 +251,7 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     T (1 - d) = 2 threshold / (A f).
     """
     friction = robot.friction
-    dry = robot.friction.coulomb > 0.0
+    dry = friction.coulomb > 0.0
     product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
     constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
     model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0

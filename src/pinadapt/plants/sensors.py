@@ -131,7 +131,8 @@ class SimulatedSensors:
         angles = angles_from_configuration(self._model, q)
         counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)
         read = configuration_from_angles(model, counted)
-        last, self._last = read if self._last is None else self._last, read
+        last = read if self._last is None else self._last
+        self._last = read
         return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
@@ -151,7 +152,8 @@ class SimulatedSensors:
         comes = k == 0 or (taken and self._of_frames.random() >= self._camera.dropout)
         if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
-        x, xd = frame.x, frame.xd if self._camera.rate is None else None
+        x = frame.x
+        xd = frame.xd if self._camera.rate is None else None
         if self._deviations.any():
             noise = self._deviations * self._of_frames.standard_normal(self.task.size)
             x = self.task.moved(x, noise)

@@ -140,7 +140,8 @@ class Arm(ABC):
 
     def _ends(self, reason: str) -> bool:
         """Keep the first reason of a stop; return whether it is this one."""
-        first, self.stopped = not self.stopped, self.stopped or reason.rstrip(".") or "stopped"
+        first = not self.stopped
+        self.stopped = self.stopped or reason.rstrip(".") or "stopped"
         return first
 
     def __enter__(self) -> Arm:

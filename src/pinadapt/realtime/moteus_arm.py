@@ -125,7 +125,8 @@ class MoteusArm(Arm):
         )
         rows = [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
         signs, ratios, self._offset, scales = np.array(rows).T
-        self._angle, self._torque = signs * 2.0 * math.pi / ratios, signs * ratios * scales
+        self._angle = signs * 2.0 * math.pi / ratios
+        self._torque = signs * ratios * scales
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
@@ -158,7 +159,8 @@ class MoteusArm(Arm):
         Raises:
             ArmError: a motor reports a fault, or has stopped by its watchdog, or the bus failed.
         """
-        register, modes = self._moteus.Register, self._moteus.Mode
+        register = self._moteus.Register
+        modes = self._moteus.Mode
         asked = register.POSITION, register.VELOCITY, register.TORQUE
         answered = np.zeros(len(self._nodes), dtype=bool)
         try:

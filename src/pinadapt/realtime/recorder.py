@@ -165,7 +165,8 @@ class Recorder:
         context = get_context("spawn")
         tick = tick_of(about)
         shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
-        self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
+        self._ring = np.frombuffer(shared[0], tick)
+        self._counts = np.frombuffer(shared[1], "u8")
         failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
         self._process, self._link, self.port = start_process(
             _serve, failure, shared, about, self.path, port, dict(translate or {})
@@ -322,7 +323,8 @@ class _LogProcess:
             self._read += 1
             self._counts[1] = self._read
             self._add("/pinadapt/cycle", _LITTLE_ENDIAN + row.tobytes())
-            q, n = row["q"], len(self._joints)
+            q = row["q"]
+            n = len(self._joints)
             if q.size == n:
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
                 header = divmod(self._stamp(), 10**9)

@@ -320,7 +320,8 @@ def run_continuous(
             InputError: the desired motion is not finite.
         """
         displacement, v, flat = np.split(y, [n, 2 * n])
-        place, state = plant.integrate(q, displacement), before.with_flat(flat)
+        place = plant.integrate(q, displacement)
+        state = before.with_flat(flat)
         seen = plant.measurement(place, v, t)
         desired = controller.desired(state, trajectory, t)
         if not np.isfinite(np.concatenate(desired)).all():
@@ -340,7 +341,8 @@ def run_continuous(
 
     v = np.zeros(n)
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):
-        t, after = k * dt, (k + 1) * dt
+        t = k * dt
+        after = (k + 1) * dt
         y = np.concatenate([np.zeros(n), v, state.flat()])
         try:
             k1, sample, state = slope(y, t, state)

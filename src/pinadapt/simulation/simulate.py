@@ -125,7 +125,8 @@ def simulate(
     instance(controller, Controller, "controller")
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
-    dt, motors = engine.period(controller), engine.motors(true)
+    dt = engine.period(controller)
+    motors = engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
     duration = positive(duration, "duration", error=InputError)
@@ -259,7 +260,8 @@ def findings(
     """
     if engine.continuous:
         return []
-    dt, motors = engine.period(controller), engine.motors(true)
+    dt = engine.period(controller)
+    motors = engine.motors(true)
     quality = sensors.quality(true.model.nv, dt)
     found = [*preflight(controller, dt, engine.actuators), *sensor_findings(controller, quality)]
     words = [str(each) for each in found]
@@ -383,7 +385,8 @@ def rollout_of(
     """
     robot = robots.robots[0]
     samples = kept.samples
-    n, coordinates = plant.nv, robot.task.coordinates
+    n = plant.nv
+    coordinates = robot.task.coordinates
 
     def column(of: Callable[[Sample], np.ndarray | None], size: int) -> np.ndarray:
         """Return a number of the samples' arrays as one (N, size)."""
