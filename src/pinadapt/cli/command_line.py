@@ -148,8 +148,8 @@ def stopped_by_signals() -> Iterator[None]:
     """
     main = threading.current_thread() is threading.main_thread()
     with ExitStack() as back:
-        for number in _ENDING if main else ():
-            if signal.getsignal(number) is signal.SIG_DFL:
+        for number in _ENDING:
+            if main and signal.getsignal(number) is signal.SIG_DFL:
                 back.callback(signal.signal, number, signal.SIG_DFL)
                 signal.signal(number, signal.default_int_handler)
         yield

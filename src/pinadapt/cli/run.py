@@ -158,9 +158,8 @@ def view(options: Namespace) -> int:
     robot = scenario.true
     controller = scenario.controller
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        for _ in live.watch(
-            watched(port, controller, robot)
-        ):  # until the loop ends, which does not notice
+        coming = watched(port, controller, robot)
+        for _ in live.watch(coming):  # until the loop ends, which does not notice
             pass
     return Exit.DONE
 

@@ -311,8 +311,7 @@ class MujocoFile:
         bodies = [body.name for body in spec.bodies]
         base = model.body(word(self.base or "world", bodies, "base")).id
         if model.body_weldid[base]:
-            words = f"the body '{self.base}' moves; the base must be fixed."
-            raise InputError(words, where="base")
+            raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
         found = MujocoChain(model, joints, number, base)
         _check_alike(found, robot, names)
         return found

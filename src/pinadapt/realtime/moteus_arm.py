@@ -237,9 +237,10 @@ class MoteusArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Let the motors brake, their windings shorted; an arm without brakes sinks slowly."""
-        for node in self._nodes if self._ends(reason) else ():
-            with suppress(self._can.CanError, OSError, ValueError):
-                self._bus.send(self._message(node.make_brake()))
+        if self._ends(reason):
+            for node in self._nodes:
+                with suppress(self._can.CanError, OSError, ValueError):
+                    self._bus.send(self._message(node.make_brake()))
 
     def close(self) -> None:
         """Close the bus."""

@@ -349,11 +349,12 @@ class RealtimeLoop:
             self._given = m.tau
             m = m._replace(tau=None)
         self._t = m.t
-        for name, value in self._recorder.commands() if self._recorder is not None else ():
-            try:
-                self._command(name, value)
-            except PinadaptError as error:
-                self._note(f"refused: {error}")
+        if self._recorder is not None:
+            for name, value in self._recorder.commands():
+                try:
+                    self._command(name, value)
+                except PinadaptError as error:
+                    self._note(f"refused: {error}")
         if m.x is None:
             m = m._replace(**self._frame)
             self._frame = {}
@@ -429,8 +430,7 @@ class RealtimeLoop:
         if torque is None or self._phase is Phase.STOPPED or self.stage is Stage.LOG:
             return None
         if not np.isfinite(torque).all():
-            words = "a torque is not finite"
-            self._respond(SafetyFinding("controller", words, Phase.STOPPED))
+            self._respond(SafetyFinding("controller", "a torque is not finite", Phase.STOPPED))
             return None
         change = self._checks.rate * max(dt, self._period)
         self._sent = limited_torque(torque, self._checks.limit, self._sent, change)

@@ -298,8 +298,7 @@ class _LogProcess:
             self._file.flush()
         except OSError as error:
             self._writer = None
-            words = f"the log cannot be written: {error.strerror or error}"
-            self._send("trouble", words)
+            self._send("trouble", f"the log cannot be written: {error.strerror or error}")
 
     def _send(self, name: str, value: Any) -> None:
         with suppress(OSError):
@@ -588,5 +587,6 @@ def load_of(table: Mapping[str, Any] | None) -> Payload | None:
     try:
         return Payload(**table)
     except TypeError as error:
-        words = f'expected a table such as {{"mass": 1.0}}: {error}.'
-        raise InputError(words, where="load") from error
+        raise InputError(
+            f'expected a table such as {{"mass": 1.0}}: {error}.', where="load"
+        ) from error

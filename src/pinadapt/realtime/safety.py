@@ -154,8 +154,9 @@ class Checklist:
         k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
         if self._box is not None and self._box.shape[1] != k:
-            words = f"has {self._box.shape[1]} coordinates; the task has {k}."
-            raise InputError(words, where="safety.box")
+            raise InputError(
+                f"has {self._box.shape[1]} coordinates; the task has {k}.", where="safety.box"
+            )
         length = 0.1 * robot.reach if safety.error is None else safety.error
         own = np.arange(self._task.size) < self._task.lengths
         self._far = np.where(own, length, safety.angle)
