@@ -127,13 +127,13 @@ class SimulatedSensors:
 
     def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
-        model = self._model
         angles = angles_from_configuration(self._model, q)
         counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)
-        read = configuration_from_angles(model, counted)
+        read = configuration_from_angles(self._model, counted)
         last = read if self._last is None else self._last
         self._last = read
-        return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
+        step = pin.difference(self._model, last, read)
+        return read, np.where(self._counted, step / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
         return self.sensors.deviation(name) * self._rng.standard_normal(self._model.nv)

@@ -268,7 +268,7 @@ class ProcessArm(Arm):
         try:
             if not self._link.poll(self._timeout):
                 raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
-            newest: Measurement = self._link.recv()
+            newest = self._link.recv()
             while self._link.poll():
                 newest = self._link.recv()
         except (OSError, EOFError) as error:

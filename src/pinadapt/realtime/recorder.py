@@ -404,7 +404,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
             link.sendto(
                 json.dumps({"command": command, "value": value}).encode(), ("127.0.0.1", port)
             )
-            reply: dict[str, Any] = json.loads(link.recv(1 << 20))
+            reply = json.loads(link.recv(1 << 20))
         except OSError as error:
             raise InputError(
                 f"no answer: {error}.",

@@ -67,8 +67,7 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
         return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
-    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
-    return bar
+    return tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
 
 
 def simulate(
