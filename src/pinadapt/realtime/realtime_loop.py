@@ -398,10 +398,12 @@ class RealtimeLoop:
                 due = clock()  # missed deadlines are not made up for
             if not self._facts.paced:
                 time.sleep(max(due - clock(), 0.0))
-            before, earlier = arrived, m.t
-            m = self._read()
-            arrived = clock()
-            dt, host = m.t - earlier, arrived - before
+            latest = self._read()
+            now = clock()
+            dt = latest.t - m.t
+            host = now - arrived
+            m = latest
+            arrived = now
             result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
             seen = np.isfinite(m.q).all() or np.isfinite(m.v).all()
