@@ -44,13 +44,15 @@ class ElasticPlant(SimulatedPlant):
         if not actuators.elastic:
             raise InputError("expected springs, got rigid joints.", where="actuators.stiffness")
         joints = actuators.of(robot)
-        self._K, self._D = joints.stiffness, joints.damping
+        self._K = joints.stiffness
+        self._D = joints.damping
         self.reset()
 
     def reset(self) -> None:
         """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
         super().reset()
-        self._links, self._w = self._q, self._v
+        self._links = self._q
+        self._w = self._v
         gravity = pin.computeGeneralizedGravity(self._model, self._data, self._links)
         self._d = gravity / self._K
         self._read()
@@ -72,9 +74,11 @@ class ElasticPlant(SimulatedPlant):
 
     def _read(self) -> None:
         """Take the q and v that the encoders measure, at the links or at the motors."""
-        self._q, self._seen = self._links, self._v
+        self._q = self._links
+        self._seen = self._v
         if self.actuators.encoders == "motor":
-            self._q, self._seen = pin.integrate(self._model, self._links, self._d), self._w
+            self._q = pin.integrate(self._model, self._links, self._d)
+            self._seen = self._w
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now, with the motors' velocity w."""

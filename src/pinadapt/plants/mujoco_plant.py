@@ -65,7 +65,8 @@ class MujocoPlant(SimulatedPlant):
         self.model = self._chain.model
         joints = self._chain.joints
         self.data = mj.MjData(self.model)
-        self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
+        self._qpos = self.model.jnt_qposadr[joints]
+        self._dofs = self.model.jnt_dofadr[joints]
         if self.described:
             self.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
         flags = mj.mjtDisableBit
@@ -188,7 +189,8 @@ def chain_of(robot: Robot) -> MujocoChain:
 
 def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
     """Make constraints with these parameters (2) and (5), or rows of them, stiff."""
-    solref[..., 0], solimp[..., :2] = _STIFF, _HARD
+    solref[..., 0] = _STIFF
+    solimp[..., :2] = _HARD
 
 
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
@@ -239,7 +241,8 @@ def write_inertia(model: mujoco.MjModel, body: int, inertia: pin.Inertia) -> Non
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
     write_place(pin.SE3(axes, inertia.lever), model.body_ipos[body], model.body_iquat[body])
-    model.body_mass[body], model.body_inertia[body] = inertia.mass, moments
+    model.body_mass[body] = inertia.mass
+    model.body_inertia[body] = moments
 
 
 def _soften(model: mujoco.MjModel, robot: Robot) -> None:
@@ -254,7 +257,8 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     dry = friction.coulomb > 0.0
     product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
     constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
-    model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
+    model.dof_solref[dry, 0] = constant
+    model.dof_solref[dry, 1] = 1.0
     model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
 
 

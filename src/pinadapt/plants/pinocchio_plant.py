@@ -123,7 +123,9 @@ class PinocchioPlant(SimulatedPlant):
         q, v, count = self._q, self._v, self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
-        self._q, self._v, self._t = q, v, self._t + dt
+        self._q = q
+        self._v = v
+        self._t += dt
 
     def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None

@@ -128,7 +128,9 @@ class SimulatedPlant(Plant):
         """Return to the first robot, at its home pose at rest, at time 0."""
         self._underway = None
         self._take(self._first)
-        self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
+        self._t = 0.0
+        self._q = self.robot.q0
+        self._v = np.zeros(self.nv)
 
     def become(self, robot: Robot) -> None:
         """Replace the robot at the same q, v and time; torque limits and springs stay.

@@ -173,7 +173,8 @@ class FrankaArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Finish the motion; the robot then holds its place by its own controller and brakes."""
-        control, self._control = self._control, None
+        control = self._control
+        self._control = None
         if not self._ends(reason) or control is None:
             return
         with suppress(*self._failures):

@@ -115,7 +115,9 @@ class _Ramp(TimeLaw):
     """
 
     def __init__(self, begin: float, place: float, *, halts: bool) -> None:
-        self._begin, self._place, self._halts = begin, place, halts
+        self._begin = begin
+        self._place = place
+        self._halts = halts
         self._start = SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:

@@ -149,7 +149,8 @@ class Checklist:
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
         self._places = model.idx_qs.tolist()[1:]
-        self._lower, self._upper = lower + safety.margin, upper - safety.margin
+        self._lower = lower + safety.margin
+        self._upper = upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
@@ -166,7 +167,9 @@ class Checklist:
         self._contact = np.maximum(safety.contact * self.limit, least)
         self.residual = np.zeros(n)
         self.latched = ""
-        self._same, self._late, self._before = 0, 0.0, -math.inf
+        self._same = 0
+        self._late = 0.0
+        self._before = -math.inf
         self._pushing = 0.0  # [s] at a limit
         self.announced()
 

@@ -351,7 +351,8 @@ def record(
                 whole = sample
                 samples.append(sample._replace(state=controller.recorded(sample.state)))
     except DivergedError as error:
-        kept.diverged, kept.reason = error.time, error.reason
+        kept.diverged = error.time
+        kept.reason = error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
     if samples:
