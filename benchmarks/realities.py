@@ -195,19 +195,20 @@ class ElasticArm(Unmodelled, ElasticPlant):
         super().hold(self.rippled(tau, self._q), dt)
 
     def _means(
-        self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean velocities (n) of links and motors over h [s] from the current state.
+        self, q: np.ndarray, velocities: np.ndarray, tau: np.ndarray, h: float
+    ) -> np.ndarray:
+        """Return the mean velocities (2, n) of links and motors over h [s] from the current state.
 
         The push is added to the torque of the springs, which acts on both sides, and to that of
         the motors, so that it is left on the links alone.
         """
+        v, w = velocities
         d, way, push = self._d, h * (w - v), self.pushed(q)
         way = np.where(np.abs(way) < 1e-9, 1e-9, way)
         pull = self.spring(d)
         self._K = np.maximum((self.spring(d + way) - pull) / way, 1e-6)
         self._d = (pull + push) / self._K
-        means = super()._means(q, v, w, tau + push, h)
+        means = super()._means(q, velocities, tau + push, h)
         self._d = d
         return means
 

@@ -60,8 +60,8 @@ class Loop:
         if kept.reason:
             raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
         self.kept.samples += kept.samples
-        self.steps.append(kept.step_time)
-        return perf_counter() - started - kept.step_time
+        self.steps.append(sum(sample.step_time for sample in kept.samples))
+        return perf_counter() - started - self.steps[-1]
 
     def rollout(self) -> float:
         """Make the rollout of all blocks; return its time per block [s]."""

@@ -10,7 +10,7 @@ import threading
 import warnings
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from functools import partial
 from importlib import import_module
@@ -147,14 +147,12 @@ def stopped_by_signals() -> Iterator[None]:
     Signals that already have a handler, for example by ``nohup``, are left unchanged.
     """
     main = threading.current_thread() is threading.main_thread()
-    free = [each for each in _ENDING if main and signal.getsignal(each) is signal.SIG_DFL]
-    for number in free:
-        signal.signal(number, signal.default_int_handler)
-    try:
+    with ExitStack() as back:
+        for number in _ENDING:
+            if main and signal.getsignal(number) is signal.SIG_DFL:
+                back.callback(signal.signal, number, signal.SIG_DFL)
+                signal.signal(number, signal.default_int_handler)
         yield
-    finally:
-        for number in free:
-            signal.signal(number, signal.SIG_DFL)
 
 
 # Arguments that several commands share, and the types of arguments
@@ -263,9 +261,10 @@ def names(text: str) -> list[str]:
     return list(dict.fromkeys(filter(None, map(str.strip, text.split(",")))))
 
 
-def one_word(found: list[str] | None) -> str | list[str] | None:
-    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return found[0] if found is not None and len(found) == 1 else found
+def word_or_names(text: str) -> str | list[str]:
+    """Return ``names``, but one alone as it is: it may be a word such as "all" and no name."""
+    found = names(text)
+    return found[0] if len(found) == 1 else found
 
 
 def assignment(text: str) -> tuple[str, str]:

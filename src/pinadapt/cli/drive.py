@@ -209,11 +209,12 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     Raises:
         InputError: there is none, or it cannot be connected.
     """
-    kind, address = options.kind, options.address
+    kind = options.kind
+    address = options.address
     if kind == "simulated":
-        engine, controller = scenario.engine, scenario.controller
-        make = partial(engine.make, scenario.true.undrawn(), controller)
-        return ProcessArm(make, engine.period(controller), sensors=scenario.sensors)
+        make = partial(scenario.engine.make, scenario.true.undrawn(), scenario.controller)
+        period = scenario.engine.period(scenario.controller)
+        return ProcessArm(make, period, sensors=scenario.sensors)
     if kind == "moteus":
         from ..realtime.moteus_arm import MoteusArm, Motor
 

@@ -19,9 +19,8 @@ from .command_line import (
     add_arguments_of,
     add_out_file,
     given,
-    names,
     new_file,
-    one_word,
+    word_or_names,
 )
 
 _SEARCH = {
@@ -40,13 +39,13 @@ def excite_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("source", metavar="ROBOT", help="a robot as for `init`")
     parser.add_argument(
         "--unknown",
-        type=names,
+        type=word_or_names,
         metavar="A,B",
         help="unknown bodies: all, payload (the last body), none or joint names (default: all)",
     )
     parser.add_argument(
         "--joint",
-        type=names,
+        type=word_or_names,
         metavar="A,B",
         help="unknown joint coefficients: armature, viscous, coulomb, all or none (default: all)",
     )
@@ -65,7 +64,7 @@ def excite(options: Namespace) -> int:
     out = new_file(options, f"{Template(source).name}_excited")
     robot = load(source, frame=options.frame)
     unknown = Unknown(tool=False).with_names(
-        dynamic=one_word(options.unknown) or "all", joint=one_word(options.joint) or "all"
+        dynamic=options.unknown or "all", joint=options.joint or "all"
     )
     motion = find(robot, unknown=unknown, **given(options, _SEARCH))
     print(motion)

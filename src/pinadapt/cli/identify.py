@@ -29,8 +29,8 @@ from .command_line import (
     assignment,
     given,
     names,
-    one_word,
     out_folder,
+    word_or_names,
 )
 from .run import RUN_FILES
 
@@ -56,7 +56,7 @@ def identify_arguments(parser: ArgumentParser) -> None:
             "asymmetry, offset (default: viscous, coulomb, and what cross-validation chooses)",
         ),
     ):
-        parser.add_argument(option, type=names, metavar="A,B", help=what)
+        parser.add_argument(option, type=word_or_names, metavar="A,B", help=what)
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
     add_arguments_of(
         parser,
@@ -242,7 +242,7 @@ def identify(options: Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock, joint_effects=True)
         for path in options.compare
     }
-    named = {name: one_word(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    named = {name: getattr(options, name) for name in ("kinematic", "dynamic", "joint")}
     try:
         found = identify_log(
             options.log,

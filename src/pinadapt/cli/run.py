@@ -124,7 +124,8 @@ def view(options: Namespace) -> int:
     Raises:
         InputError: the folder contains no animation, or the scenario cannot be used.
     """
-    place, port = options.scenario, options.attach
+    place = options.scenario
+    port = options.attach
     if place is not None and place.is_dir():
         from ..view.live import open_in_browser
 
@@ -154,18 +155,16 @@ def view(options: Namespace) -> int:
     from ..realtime.recorder import watched
     from ..view.live import LiveView
 
-    robot, controller = scenario.true, scenario.controller
+    robot = scenario.true
+    controller = scenario.controller
     with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        for _ in live.watch(
-            watched(port, controller, robot)
-        ):  # until the loop ends, which does not notice
+        coming = watched(port, controller, robot)
+        for _ in live.watch(coming):  # until the loop ends, which does not notice
             pass
     return Exit.DONE
 
 
-def cite_arguments(parser: ArgumentParser) -> None:
-    """Add the arguments of ``cite``."""
-    add_scenario(parser)
+cite_arguments = add_scenario
 
 
 def cite(options: Namespace) -> int:

@@ -44,13 +44,15 @@ class ElasticPlant(SimulatedPlant):
         if not actuators.elastic:
             raise InputError("expected springs, got rigid joints.", where="actuators.stiffness")
         joints = actuators.of(robot)
-        self._K, self._D = joints.stiffness, joints.damping
+        self._K = joints.stiffness
+        self._D = joints.damping
         self.reset()
 
     def reset(self) -> None:
         """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
         super().reset()
-        self._links, self._w = self._q, self._v
+        self._links = self._q
+        self._w = self._v
         gravity = pin.computeGeneralizedGravity(self._model, self._data, self._links)
         self._d = gravity / self._K
         self._read()
@@ -67,13 +69,16 @@ class ElasticPlant(SimulatedPlant):
             )
         refuse_missing(robot, "elastic joints")
         super()._take(robot)
-        self._B, self._model.armature = rotors, np.zeros(self.nv)
+        self._B = rotors
+        self._model.armature = np.zeros(self.nv)
 
     def _read(self) -> None:
         """Take the q and v that the encoders measure, at the links or at the motors."""
-        self._q, self._seen = self._links, self._v
+        self._q = self._links
+        self._seen = self._v
         if self.actuators.encoders == "motor":
-            self._q, self._seen = pin.integrate(self._model, self._links, self._d), self._w
+            self._q = pin.integrate(self._model, self._links, self._d)
+            self._seen = self._w
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now, with the motors' velocity w."""
@@ -85,23 +90,25 @@ class ElasticPlant(SimulatedPlant):
         count = self.steps_in(dt)
         h = dt / count
         for _ in range(count):
-            links, v, w = self._links, self._v, self._w
-            v_way, w_way = self._means(links, v, w, tau, 0.5 * h)
-            middle = pin.integrate(self._model, links, 0.5 * h * v_way)
-            v_way, w_way = self._means(middle, 2.0 * v_way - v, 2.0 * w_way - w, tau, h)
-            self._links = pin.integrate(self._model, links, h * v_way)
-            self._d = self._d + h * (w_way - v_way)
-            self._v, self._w = 2.0 * v_way - v, 2.0 * w_way - w
+            links = self._links
+            before = np.array([self._v, self._w])
+            means = self._means(links, before, tau, 0.5 * h)
+            middle = pin.integrate(self._model, links, 0.5 * h * means[0])
+            means = self._means(middle, 2.0 * means - before, tau, h)
+            self._links = pin.integrate(self._model, links, h * means[0])
+            self._d = self._d + h * (means[1] - means[0])
+            self._v, self._w = 2.0 * means - before
         self._t += dt
         self._read()
 
     def _means(
-        self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean velocities (nv) of links and motors over h [s] from the current state.
+        self, q: np.ndarray, velocities: np.ndarray, tau: np.ndarray, h: float
+    ) -> np.ndarray:
+        """Return the mean velocities (2, nv) of links and motors over h [s] from the current state.
 
-        M, C v + g and the secant of the friction are evaluated at q, v and w.
+        M, C v + g and the secant of the friction are evaluated at q and the velocities v and w.
         """
+        v, w = velocities
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         inertia = 2.0 / h * self._B
@@ -114,4 +121,4 @@ class ElasticPlant(SimulatedPlant):
         right = left @ self._v - bias + pull + S / E * drive
         left.flat[:: self.nv + 1] += S * (E - S) / E
         v_mean = np.linalg.solve(left, right)
-        return v_mean, (drive + S * v_mean) / E
+        return np.array([v_mean, (drive + S * v_mean) / E])

@@ -61,9 +61,11 @@ class MujocoPlant(SimulatedPlant):
         mj = mujoco_module()
         self.described = mjcf is None
         self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
-        self.model, joints = self._chain.model, self._chain.joints
+        self.model = self._chain.model
+        joints = self._chain.joints
         self.data = mj.MjData(self.model)
-        self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
+        self._qpos = self.model.jnt_qposadr[joints]
+        self._dofs = self.model.jnt_dofadr[joints]
         if self.described:
             self.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
         flags = mj.mjtDisableBit
@@ -105,7 +107,7 @@ class MujocoPlant(SimulatedPlant):
             write_robot(self.model, robot)
             M = pin.crba(self._model, self._data, robot.q0)
             decays = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
-            self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
+            self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, np.abs(decays).max())
         else:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
 
@@ -152,7 +154,8 @@ class MujocoChain(NamedTuple):
     def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Return x and the task velocity (m) in the axes of the base, after updating the data."""
         assert isinstance(task, FrameTask)
-        mj, twist = mujoco_module(), np.empty(6)
+        mj = mujoco_module()
+        twist = np.empty(6)
         for update in (mj.mj_kinematics, mj.mj_comPos, mj.mj_comVel):
             update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
@@ -185,16 +188,19 @@ def chain_of(robot: Robot) -> MujocoChain:
 
 def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
     """Make constraints with these parameters (2) and (5), or rows of them, stiff."""
-    solref[..., 0], solimp[..., :2] = _STIFF, _HARD
+    solref[..., 0] = _STIFF
+    solimp[..., :2] = _HARD
 
 
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Add the ground, and small spheres that touch it: one a point foot, four a sole."""
     mj = mujoco_module()
-    spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
+    spec.option.cone = mj.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _NO_SLIP
     least = min(contact.friction for contact in robot.contacts)
-    plane = {"type": mj.mjtGeom.mjGEOM_PLANE, "size": [1.0, 1.0, 0.1]}
-    spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
+    spec.worldbody.add_geom(
+        type=mj.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], friction=[least, 0.0, 0.0]
+    )
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
         for corner in contact.corners:
@@ -214,7 +220,8 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     without mass, and inertias that are not physical.
     """
     refuse_missing(robot, "MuJoCo", Contact)
-    mj, chain = mujoco_module(), robot.model
+    mj = mujoco_module()
+    chain = robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
         write_inertia(model, i, chain.inertias[i])
@@ -232,7 +239,8 @@ def write_inertia(model: mujoco.MjModel, body: int, inertia: pin.Inertia) -> Non
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
     write_place(pin.SE3(axes, inertia.lever), model.body_ipos[body], model.body_iquat[body])
-    model.body_mass[body], model.body_inertia[body] = inertia.mass, moments
+    model.body_mass[body] = inertia.mass
+    model.body_inertia[body] = moments
 
 
 def _soften(model: mujoco.MjModel, robot: Robot) -> None:
@@ -243,10 +251,12 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     constant and d the share of the ideal force. It should be f v / threshold, hence
     T (1 - d) = 2 threshold / (A f).
     """
-    friction, dry = robot.friction, robot.friction.coulomb > 0.0
+    friction = robot.friction
+    dry = friction.coulomb > 0.0
     product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
     constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
-    model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
+    model.dof_solref[dry, 0] = constant
+    model.dof_solref[dry, 1] = 1.0
     model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
 
 
@@ -286,10 +296,10 @@ class MujocoFile:
             RobotError: the robot has several task frames.
         """
         robot.check_single_frame()
-        mj, path = mujoco_module(), str(self.path)
+        path = str(self.path)
         try:
-            spec = mj.MjSpec.from_file(path)
-            names = self._names(robot, [str(joint.name) for joint in spec.joints])
+            spec = mujoco_module().MjSpec.from_file(path)
+            names = self._names(robot, [joint.name for joint in spec.joints])
             site = self._site(spec, robot) if robot.task.positions else ""
             self._hold(spec, spec.compile(), names)
             model = spec.compile()
@@ -298,13 +308,12 @@ class MujocoFile:
         except ValueError as error:
             raise InputError(f"MuJoCo cannot read it: {error}", where=path) from error
         model.body_gravcomp[:] = 0.0
-        joints = [int(model.joint(name).id) for name in names]
-        number = int(model.site(site).id) if site else 0
-        bodies = [str(body.name) for body in spec.bodies]
-        base = int(model.body(word(self.base or "world", bodies, "base")).id)
+        joints = [model.joint(name).id for name in names]
+        number = model.site(site).id if site else 0
+        bodies = [body.name for body in spec.bodies]
+        base = model.body(word(self.base or "world", bodies, "base")).id
         if model.body_weldid[base]:
-            words = f"the body '{self.base}' moves; the base must be fixed."
-            raise InputError(words, where="base")
+            raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
         found = MujocoChain(model, joints, number, base)
         _check_alike(found, robot, names)
         return found
@@ -320,7 +329,7 @@ class MujocoFile:
 
     def _site(self, spec: Any, robot: Robot) -> str:
         """Return the name of the site that is the task frame; it is added to a body."""
-        sites, bodies = ([str(each.name) for each in all] for all in (spec.sites, spec.bodies))
+        sites, bodies = ([each.name for each in all] for all in (spec.sites, spec.bodies))
         name = word(self.frame or robot.frame, [*sites, *bodies], "frame")
         if name in sites:
             return name
@@ -329,13 +338,15 @@ class MujocoFile:
 
     def _hold(self, spec: Any, model: mujoco.MjModel, names: Sequence[str]) -> None:
         """Hold the arm's joints other than those with ``names`` at their reference position."""
-        mj, roots = mujoco_module(), model.body_rootid[model.jnt_bodyid]
-        arm = {int(roots[model.joint(name).id]) for name in names}
+        mj = mujoco_module()
+        roots = model.body_rootid[model.jnt_bodyid]
+        arm = {roots[model.joint(name).id] for name in names}
         for joint in range(model.njnt):
-            name = str(model.joint(joint).name)
-            if name not in names and int(roots[joint]) in arm:
-                equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
-                held = spec.add_equality(type=equality, objtype=kind, name1=name)
+            name = model.joint(joint).name
+            if name not in names and roots[joint] in arm:
+                held = spec.add_equality(
+                    type=mj.mjtEq.mjEQ_JOINT, objtype=mj.mjtObj.mjOBJ_JOINT, name1=name
+                )
                 _stiffen(held.solref, held.solimp)
 
 
@@ -353,15 +364,19 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
             is too far away (30 % of the arm length), or turned by more than 30 degrees in a pose
             task.
     """
-    mj, model, chain = mujoco_module(), found.model, robot.model
-    data, ours = mj.MjData(model), chain.createData()
+    mj = mujoco_module()
+    model = found.model
+    chain = robot.model
+    data = mj.MjData(model)
+    ours = chain.createData()
     data.qpos[model.jnt_qposadr[found.joints]] = robot.home_angles
     mj.mj_kinematics(model, data)
     pin.framesForwardKinematics(chain, ours, robot.q0)
     turn = data.xmat[found.base].reshape(3, 3)
     hint = "Correct the file, or name as `base` the body whose frame is the description's world."
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
-        axis, theirs = ours.oMi[i].rotation @ axis_of(chain, i), turn.T @ data.xaxis[joint]
+        axis = ours.oMi[i].rotation @ axis_of(chain, i)
+        theirs = turn.T @ data.xaxis[joint]
         slide = is_slide(chain.joints[i])
         kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
         if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:

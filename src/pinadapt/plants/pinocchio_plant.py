@@ -41,51 +41,54 @@ class FittedMidpoint:
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model; friction overwrites the rotor inertias of the copy in every step."""
-        self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
-        self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
+        self._robot = robot
+        self._model = robot.model.copy()
+        self._theta = 0.5
+        self._data = self._model.createData()
+        self._rotors = np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
-        self._constraints = robot.constrained if robot.constraints else None
-        self._free = not (robot.friction.present or robot.constraints)
+        self._constraints = robot.constrained
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
-        half, solve = 0.5 * h, self._acceleration
+        half = 0.5 * h
+        solve = self._acceleration
         change = half * solve(q, v, v, tau, half)
         change = h * solve(pin.integrate(self._model, q, half * v), v + change, v, tau, h)
-        way = h * (v + (self._theta if self._constraints is None else 0.5) * change)
+        way = h * (v + (0.5 if self._robot.constraints else self._theta) * change)
         return pin.integrate(self._model, q, way), v + change
 
     def _acceleration(
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
-        robot, model, data = self._robot, self._model, self._data
-        if self._free:
+        robot = self._robot
+        model = self._model
+        data = self._data
+        if not (robot.friction.present or robot.constraints):
             return pin.aba(model, data, q, v, tau)
-        part = robot.friction_at(q) if robot.friction.loaded else robot.friction
+        part = robot.friction_at(q)
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added
-        if not part.shafts and self._constraints is None:
+        if not (part.shafts or robot.constraints):
             return pin.aba(model, data, q, v, tau)
         M = pin.crba(model, data, q)
         force = tau - pin.nonLinearEffects(model, data, q, v)
         for d, shaft in zip(part.directions, part.shafts, strict=True):
-            x = max(abs(float(d @ v)) / shaft.threshold, 1e-6)
+            x = max(abs(d @ v) / shaft.threshold, 1e-6)
             secant = shaft.viscous + shaft.coulomb / shaft.threshold * math.tanh(x) / x
-            force -= secant * float(d @ start) * d
+            force -= secant * (d @ start) * d
             M += (shaft.armature + h * secant) * np.outer(d, d)  # implicit
         return self.solved(M, force, q, v)
 
     def solved(self, M: np.ndarray, force: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return a (nv) of M a = force + A^T lambda, A a = -dA/dt v with the constraints A."""
-        n = len(force)
-        if self._constraints is not None:
-            A, A_rate = self._constraints.at(q, v)
-            M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
-            force = np.concatenate([force, -A_rate @ v])
-        return np.asarray(np.linalg.solve(M, force))[:n]
+        A, A_rate = self._constraints.at(q, v)
+        both = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
+        found = np.linalg.solve(both, np.concatenate([force, -A_rate @ v]))
+        return found[: len(force)]
 
 
 class PinocchioPlant(SimulatedPlant):
@@ -120,7 +123,9 @@ class PinocchioPlant(SimulatedPlant):
         q, v, count = self._q, self._v, self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
-        self._q, self._v, self._t = q, v, self._t + dt
+        self._q = q
+        self._v = v
+        self._t += dt
 
     def acceleration_at(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, feedthrough: np.ndarray | None = None
@@ -130,7 +135,8 @@ class PinocchioPlant(SimulatedPlant):
         Raises:
             LinAlgError: M - feedthrough is singular.
         """
-        M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
+        M = self.mass_matrix(q)
+        friction = self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
         return self._integrate.solved(M, force, q, v)
@@ -145,7 +151,7 @@ class PinocchioPlant(SimulatedPlant):
         friction = self.robot.friction
         rotors = np.array([shaft.armature for shaft in friction.shafts])
         coupled = friction.directions.T * rotors @ friction.directions
-        return np.asarray(pin.crba(self._model, self._data, q) + coupled)
+        return pin.crba(self._model, self._data, q) + coupled
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""
@@ -153,4 +159,4 @@ class PinocchioPlant(SimulatedPlant):
 
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
-        return np.asarray(pin.integrate(self._model, q, step))
+        return pin.integrate(self._model, q, step)

@@ -113,7 +113,7 @@ class SimulatedPlant(Plant):
         self.substeps = None if substeps is None else whole(substeps, "substeps", 1)
         self.torque_limits = limits_of(robot, torque_limits)
         self.compensation = compensation_of(robot, compensation)
-        self.nv = int(robot.model.nv)
+        self.nv = robot.model.nv
         self.actuators = instance(actuators or Actuators(), Actuators, "actuators")
         if self.actuators.elastic and not self.springs:
             raise InputError(
@@ -128,7 +128,9 @@ class SimulatedPlant(Plant):
         """Return to the first robot, at its home pose at rest, at time 0."""
         self._underway = None
         self._take(self._first)
-        self._t, self._q, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
+        self._t = 0.0
+        self._q = self.robot.q0
+        self._v = np.zeros(self.nv)
 
     def become(self, robot: Robot) -> None:
         """Replace the robot at the same q, v and time; torque limits and springs stay.
@@ -141,7 +143,8 @@ class SimulatedPlant(Plant):
 
     def _take(self, robot: Robot) -> None:
         """Move as a robot from now on; a subclass takes what else it needs of it."""
-        self.robot, self._model = robot, robot.model.copy()
+        self.robot = robot
+        self._model = robot.model.copy()
         self._data = self._model.createData()
         self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
 
@@ -159,7 +162,7 @@ class SimulatedPlant(Plant):
         tau = np.asarray(self.motors(torque), dtype=float)
         if tau.shape != (self.nv,):
             raise InputError(f"expected {self.nv} numbers, got {tau.shape}.", where="torque")
-        if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():  # the first is quick
+        if not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold(tau, dt)
@@ -238,7 +241,10 @@ def fitted_friction(
     return fitted
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])")
+@compiled(
+    "void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])",
+    allocates=True,
+)
 def _fit(
     viscous: np.ndarray,
     coulomb: np.ndarray,
@@ -253,12 +259,11 @@ def _fit(
     fitted: np.ndarray,
 ) -> None:
     """Write the rows of ``fitted_friction``."""
-    for i in range(len(v)):
-        x = max(abs(v[i]) / shape[0, i], 1e-6)
-        sigma = math.tanh(x) * (1.0 + shape[1, i] * math.exp(-abs(v[i]) * shape[2, i]))
-        dry = coulomb[i] + asymmetry[i] * math.copysign(1.0, v[i])
-        D = viscous[i] + dry * sigma / (x * shape[0, i])
-        z = h * D / inertia[i]
-        theta = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
-        fitted[0, i], fitted[1, i] = D, theta
-        fitted[2, i], fitted[3, i] = theta * h * D, tau[i] - offset[i] - D * start[i]
+    threshold, excess, rate = shape
+    x = np.maximum(np.abs(v) / threshold, 1e-6)
+    sigma = np.tanh(x) * (1.0 + excess * np.exp(-np.abs(v) * rate))
+    D = viscous + (coulomb + asymmetry * np.copysign(1.0, v)) * sigma / (x * threshold)
+    z = h * D / inertia
+    theta = np.where(z < 1e-3, 0.5 + z / 12.0, -1.0 / np.expm1(-z) - 1.0 / z)
+    fitted[0], fitted[1], fitted[2] = D, theta, theta * h * D
+    fitted[3] = tau - offset - D * start

@@ -55,10 +55,13 @@ class SimulatedSensors:
         """
         instance(robot, Robot, "robot")
         self.sensors = instance(sensors, Sensors, "sensors")
-        dt, n = positive(dt, "dt"), robot.model.nv
+        dt = positive(dt, "dt")
+        n = robot.model.nv
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
         self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
-        self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
+        self.task = robot.task
+        self._model = robot.model
+        self._seed = whole(seed, "seed", 0)
         rows = self.task.positions, self.task.size - self.task.positions
         angle = sensors.deviation("angle")
         if angle and not (isinstance(self.task, FrameTask) and all(rows)):
@@ -68,10 +71,13 @@ class SimulatedSensors:
             )
         self._deviations = np.repeat([sensors.deviation("x"), angle], rows)
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
-        self._counted, self._count = counts > 0.0, np.where(counts > 0.0, counts, 1.0)
-        self._dt, self._camera = dt, sensors.camera or Camera()
+        self._counted = counts > 0.0
+        self._count = np.where(counts > 0.0, counts, 1.0)
+        self._dt = dt
+        self._camera = sensors.camera or Camera()
         self._spacing = max(1.0, 1.0 / ((self._camera.rate or math.inf) * dt))
-        self._late, self._robot = round(self._camera.delay / dt), robot
+        self._late = round(self._camera.delay / dt)
+        self._robot = robot
         self.reset()
 
     def reset(self) -> None:
@@ -79,7 +85,8 @@ class SimulatedSensors:
         rngs = [np.random.default_rng([self._seed, k]) for k in range(5)]
         self._rng, self._of_frames, self._of_torque, of_offset, self._of_imu = rngs
         self._off = self._offset * of_offset.uniform(-1.0, 1.0)
-        self._sample, self._truths = 0, deque[Measurement](maxlen=self._late + 1)
+        self._sample = 0
+        self._truths = deque[Measurement](maxlen=self._late + 1)
         self._last: np.ndarray | None = None
         if self.sensors.imu is not None:
             way = self._of_imu.standard_normal(2)
@@ -111,7 +118,8 @@ class SimulatedSensors:
 
     def _from_legs(self, seen: Measurement, truth: Measurement) -> Measurement:
         """Return a measurement with the base, and x, by the IMU and the legs."""
-        imu, noise = self.sensors.imu, self._of_imu.standard_normal((2, 2))
+        imu = self.sensors.imu
+        noise = self._of_imu.standard_normal((2, 2))
         assert imu is not None
         tilt = truth.q[4:6] + self._tilt + imu.noise * noise[0]
         q, v = self._base(seen.q, seen.v, tilt, truth.v[4:6] + imu.rate_noise * noise[1])
@@ -119,28 +127,33 @@ class SimulatedSensors:
 
     def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
-        model, angles = self._model, angles_from_configuration(self._model, q)
+        angles = angles_from_configuration(self._model, q)
         counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)
-        read = configuration_from_angles(model, counted)
-        last, self._last = read if self._last is None else self._last, read
-        return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
+        read = configuration_from_angles(self._model, counted)
+        last = read if self._last is None else self._last
+        self._last = read
+        step = pin.difference(self._model, last, read)
+        return read, np.where(self._counted, step / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
         return self.sensors.deviation(name) * self._rng.standard_normal(self._model.nv)
 
     def _seen(self, truth: Measurement) -> Measurement:
         """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
-        k, self._sample = self._sample, self._sample + 1
+        k = self._sample
+        self._sample += 1
         if k == 0:
             self._truths.extend([truth] * self._late)
         self._truths.append(truth)
-        frame, exposed = self._truths[0], k - self._late  # a negative sample is before the first
+        frame = self._truths[0]
+        exposed = k - self._late  # a negative sample is before the first
         nearest = math.floor(exposed / self._spacing + 0.5) * self._spacing
         taken = math.floor(nearest + 0.5) == exposed  # at multiples of the frame interval, rounded
         comes = k == 0 or (taken and self._of_frames.random() >= self._camera.dropout)
         if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
-        x, xd = frame.x, frame.xd if self._camera.rate is None else None
+        x = frame.x
+        xd = frame.xd if self._camera.rate is None else None
         if self._deviations.any():
             noise = self._deviations * self._of_frames.standard_normal(self.task.size)
             x = self.task.moved(x, noise)

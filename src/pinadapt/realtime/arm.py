@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -49,7 +49,7 @@ class ArmFacts:
     period: float
     torque: np.ndarray
     velocity: np.ndarray
-    torque_rate: np.ndarray = field(default_factory=lambda: np.array(np.inf))
+    torque_rate: np.ndarray = np.inf  # type: ignore[assignment]
     paced: bool = True
     clock: str = "arm"
     compensation: Compensation | None = None
@@ -69,12 +69,15 @@ class ArmFacts:
             object.__setattr__(self, name, limits)
 
     @classmethod
-    def of(cls, robot: Robot, **given: object) -> ArmFacts:
+    def of(cls, robot: Robot, **given: Any) -> ArmFacts:
         """Return the facts of an arm with the joints and limits of a description."""
-        model = robot.model
-        limits = {"torque": effort_limits(model), "velocity": velocity_limits(model)}
-        parts = {"name": robot.name, "joints": tuple(robot.joint_names), **limits, **given}
-        return cls(**parts)  # type: ignore[arg-type]
+        described: dict[str, Any] = {
+            "name": robot.name,
+            "joints": tuple(robot.joint_names),
+            "torque": effort_limits(robot.model),
+            "velocity": velocity_limits(robot.model),
+        }
+        return cls(**described | given)
 
 
 class Arm(ABC):
@@ -137,7 +140,8 @@ class Arm(ABC):
 
     def _ends(self, reason: str) -> bool:
         """Keep the first reason of a stop; return whether it is this one."""
-        first, self.stopped = not self.stopped, self.stopped or reason.rstrip(".") or "stopped"
+        first = not self.stopped
+        self.stopped = self.stopped or reason.rstrip(".") or "stopped"
         return first
 
     def __enter__(self) -> Arm:
@@ -246,11 +250,12 @@ class ProcessArm(Arm):
         Raises:
             ArmError: the process does not start.
         """
-        options = {"period": period, "sensors": sensors}
         failure = ArmError("the process of the plant has not started.", where="plant", hint=MAIN)
-        arguments = failure, make, options, scheduling
-        self._process, self._link, facts = start_process(_serve, *arguments)
-        self.pid, self._timeout = self._process.pid, timeout
+        self._process, self._link, facts = start_process(
+            _serve, failure, make, period, sensors, scheduling
+        )
+        self.pid = self._process.pid
+        self._timeout = timeout
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
@@ -263,7 +268,7 @@ class ProcessArm(Arm):
         try:
             if not self._link.poll(self._timeout):
                 raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
-            newest: Measurement = self._link.recv()
+            newest = self._link.recv()
             while self._link.poll():
                 newest = self._link.recv()
         except (OSError, EOFError) as error:
@@ -293,14 +298,15 @@ class ProcessArm(Arm):
 def _serve(
     link: Connection,
     make: Callable[[], Plant],
-    options: dict[str, Any],
+    period: float,
+    sensors: Sensors | None,
     scheduling: Scheduling,
 ) -> None:
     """Move a plant on its own clock until the loop stops it or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     try:
-        arm = PlantArm(plant := make(), **options)
-        period = arm.facts.period
+        plant = make()
+        arm = PlantArm(plant, period, sensors=sensors)
         plant.step(np.zeros(plant.nv), period)  # kernels are compiled and touched
         plant.reset()
     except Exception as error:

@@ -88,7 +88,8 @@ class FrankaArm(Arm):
         torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
         wrench = vector(forces, len(FORCES), "forces", fills=False).tolist()
         self._thresholds = torques, torques, wrench, wrench  # of contact and collision alike
-        self._load, self._recover = load, recover
+        self._load = load
+        self._recover = recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
@@ -172,7 +173,8 @@ class FrankaArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Finish the motion; the robot then holds its place by its own controller and brakes."""
-        control, self._control = self._control, None
+        control = self._control
+        self._control = None
         if not self._ends(reason) or control is None:
             return
         with suppress(*self._failures):

@@ -111,8 +111,11 @@ class MoteusArm(Arm):
                 where="motors",
             )
         self.motors = [motors[of.index(name)] for name in names]
-        self._can, self._moteus, self._clock = can, moteus, clock
-        self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
+        self._can = can
+        self._moteus = moteus
+        self._clock = clock
+        self._timeout = positive(timeout, "timeout")
+        self._silence = positive(silence, "silence")
         self.facts = ArmFacts.of(
             robot,
             name=f"motors at {channel}",
@@ -122,11 +125,13 @@ class MoteusArm(Arm):
         )
         rows = [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
         signs, ratios, self._offset, scales = np.array(rows).T
-        self._angle, self._torque = signs * 2.0 * math.pi / ratios, signs * ratios * scales
+        self._angle = signs * 2.0 * math.pi / ratios
+        self._torque = signs * ratios * scales
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
-        self._raw, self._missed = np.zeros((3, len(names))), np.full(len(names), _MISSED)
+        self._raw = np.zeros((3, len(names)))
+        self._missed = np.full(len(names), _MISSED)
         try:
             self._bus = can.Bus(interface=interface, channel=channel, fd=True)
         except (can.CanError, OSError, ValueError, NotImplementedError) as error:
@@ -138,15 +143,12 @@ class MoteusArm(Arm):
             ) from error
 
     def _message(self, command: Any) -> Any:
-        """Return the message of a command: its reply bit, source and destination are in the id."""
-        target = getattr(command.destination, "can_id", command.destination)
-        source = command.source | (0x80 if command.reply_required else 0)
-        number, data = command.can_prefix << 16 | source << 8 | target, bytes(command.data)
-        size = self._can.util.dlc2len(self._can.util.len2dlc(len(data)))
+        """Return the message of a command: destination and reply bit are in its id."""
+        size = self._can.util.dlc2len(self._can.util.len2dlc(len(command.data)))
         return self._can.Message(
-            arbitration_id=number,
-            is_extended_id=number > 0x7FF,
-            data=data.ljust(size, _NOTHING),
+            arbitration_id=command.destination | (0x8000 if command.reply_required else 0),
+            is_extended_id=command.reply_required,
+            data=command.data.ljust(size, _NOTHING),
             is_fd=True,
             bitrate_switch=True,
         )
@@ -157,7 +159,8 @@ class MoteusArm(Arm):
         Raises:
             ArmError: a motor reports a fault, or has stopped by its watchdog, or the bus failed.
         """
-        register, modes = self._moteus.Register, self._moteus.Mode
+        register = self._moteus.Register
+        modes = self._moteus.Mode
         asked = register.POSITION, register.VELOCITY, register.TORQUE
         answered = np.zeros(len(self._nodes), dtype=bool)
         try:
@@ -173,7 +176,7 @@ class MoteusArm(Arm):
                 if k is None or number & 0x7F:
                     continue
                 values = self._moteus.parse_registers(bytes(message.data)).response
-                if int(values.get(register.MODE, 0)) in (modes.FAULT, modes.TIMEOUT):
+                if values.get(register.MODE) in (modes.FAULT, modes.TIMEOUT):
                     raise ArmError(
                         f"the motor of {self.motors[k].joint} has fault "
                         f"{values.get(register.FAULT, 0)}, or was stopped by its watchdog.",
@@ -195,7 +198,7 @@ class MoteusArm(Arm):
         self._runs()
         self._missed = np.where(self._ask(), 0, self._missed + 1)
         if (self._missed >= _MISSED).any():
-            lost = self.motors[int(self._missed.argmax())].joint
+            lost = self.motors[self._missed.argmax()].joint
             raise ArmError(
                 f"the motor of {lost} has not answered for {_MISSED} cycles.",
                 where=self.facts.name,
@@ -234,9 +237,10 @@ class MoteusArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Let the motors brake, their windings shorted; an arm without brakes sinks slowly."""
-        for node in self._nodes if self._ends(reason) else ():
-            with suppress(self._can.CanError, OSError, ValueError):
-                self._bus.send(self._message(node.make_brake()))
+        if self._ends(reason):
+            for node in self._nodes:
+                with suppress(self._can.CanError, OSError, ValueError):
+                    self._bus.send(self._message(node.make_brake()))
 
     def close(self) -> None:
         """Close the bus."""

@@ -37,7 +37,7 @@ class Scheduling:
     @contextmanager
     def applied(self) -> Iterator[list[str]]:
         """Apply it, yield notes on what is not allowed, and take it back."""
-        notes: list[str] = []
+        notes = []
         with ExitStack() as back:
             try:
                 if self.core is not None:

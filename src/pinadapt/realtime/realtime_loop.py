@@ -109,22 +109,24 @@ class RunResult:
 
 
 class _Ramp(TimeLaw):
-    """The rate of the path's time s goes from ``first`` to ``last``, 0 or 1, within a while.
+    """The rate of the path's time s rises from 0 to 1 within a while, or falls where it ``halts``.
 
     At the instant ``begin`` [s], when it begins to change, the path's time is ``place`` [s].
     """
 
-    def __init__(self, begin: float, place: float, first: float, last: float) -> None:
-        self._begin, self._place, self._first, self._change = begin, place, first, last - first
+    def __init__(self, begin: float, place: float, *, halts: bool) -> None:
+        self._begin = begin
+        self._place = place
+        self._halts = halts
         self._start = SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
         since = t - self._begin
-        first, change = self._first, self._change
         s, rate, acceleration = self._start.at(since)
-        place = self._place + first * since + change * s
-        return place, first + change * rate, change * acceleration
+        if self._halts:
+            s, rate, acceleration = since - s, 1.0 - rate, -acceleration
+        return self._place + s, rate, acceleration
 
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s], moving."""
@@ -176,7 +178,8 @@ class RealtimeLoop:
         self._arm = instance(arm, Arm, "arm")
         self._controller = instance(controller, Controller, "controller")
         self.stage = Stage(word(stage, [each.value for each in Stage], "stage"))
-        self._facts, self._period = arm.facts, arm.facts.period
+        self._facts = arm.facts
+        self._period = arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
         given = (start or {}).items()
@@ -190,10 +193,10 @@ class RealtimeLoop:
                 "start=found.start of what information.find_tracker returns.",
             )
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
-        self.safety = Safety() if safety is None else safety
+        self.safety = safety or Safety()
         self._checks = Checklist(self.safety, controller, arm.facts)
         self._recorder = recorder
-        self._scheduling = Scheduling() if scheduling is None else scheduling
+        self._scheduling = scheduling or Scheduling()
         self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
         self._flaw = ""  # of the latest measurement
@@ -205,7 +208,8 @@ class RealtimeLoop:
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
-        self._adapting, self._settled_for = self.stage is Stage.ADAPT, math.inf
+        self._adapting = self.stage is Stage.ADAPT
+        self._settled_for = math.inf
         self._frame: dict[str, Any] = {}  # x and x_time, of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
@@ -242,7 +246,8 @@ class RealtimeLoop:
             try:
                 self._cycles(self._prepared(), duration)
             except BaseException as error:
-                begun, expected = self._phase is not Phase.STARTING, isinstance(error, ArmError)
+                begun = self._phase is not Phase.STARTING
+                expected = isinstance(error, ArmError)
                 words = str(error) if expected else f"{type(error).__name__}: {error}"
                 self._enter(Phase.STOPPED, words, failed=True)
                 if not (begun and expected):
@@ -257,7 +262,7 @@ class RealtimeLoop:
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
-        arm, controller = self._arm, self._controller
+        controller = self._controller
         start = {name: np.asarray(part).tolist() for name, part in self._start.items()}
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
@@ -274,9 +279,9 @@ class RealtimeLoop:
             self._note("contact is not detected: law and adaptation observe no disturbance")
         gc.collect()
         gc.disable()
-        arm.read()
+        self._arm.read()
         if self.stage is not Stage.LOG:
-            arm.begin()
+            self._arm.begin()
         m = self._read()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
@@ -284,7 +289,7 @@ class RealtimeLoop:
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
         self._sent, _ = controller.safe(self._state, m, damping=0.0)
-        self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
+        self._enter(Phase.RUNNING, f"stage '{self.stage.value}'", commanded=True)
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
@@ -293,7 +298,8 @@ class RealtimeLoop:
         Raises:
             PinadaptError: the controller refuses the measurement.
         """
-        controller, period = self._controller, self._period
+        controller = self._controller
+        period = self._period
         task = controller.kinematics.task
         aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
@@ -328,9 +334,11 @@ class RealtimeLoop:
         Raises:
             ArmError: something is wrong with it before anything moves.
         """
-        given, kinematics = self._arm.read(), self._controller.kinematics
+        given = self._arm.read()
+        kinematics = self._controller.kinematics
         unknown = np.full(kinematics.nq, np.nan), np.full(kinematics.nv, np.nan)
-        m, self._flaw = Measurement(self._t + self._period, *unknown), ""
+        m = Measurement(self._t + self._period, *unknown)
+        self._flaw = ""
         try:
             m = self._inputs.measurement(given)._replace(tau=None)
             m = m._replace(tau=self._inputs.torque(given.tau))
@@ -340,56 +348,69 @@ class RealtimeLoop:
         if self._flaw and self._phase is Phase.STARTING:
             raise ArmError(self._flaw, where=self._facts.name)
         if self.stage is Stage.LOG:  # the torque is not that of the controller
-            self._given, m = m.tau, m._replace(tau=None)
+            self._given = m.tau
+            m = m._replace(tau=None)
         self._t = m.t
-        for name, value in self._recorder.commands() if self._recorder is not None else ():
-            try:
-                self._command(name, value)
-            except PinadaptError as error:
-                self._note(f"refused: {error}")
+        if self._recorder is not None:
+            for name, value in self._recorder.commands():
+                try:
+                    self._command(name, value)
+                except PinadaptError as error:
+                    self._note(f"refused: {error}")
         if m.x is None:
-            m, self._frame = m._replace(**self._frame), {}
+            m = m._replace(**self._frame)
+            self._frame = {}
         return m
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
         """Run the cycles from the first measurement on."""
-        arm, result, period, recorder = self._arm, self.result, self._period, self._recorder
+        result = self.result
         clock = time.perf_counter
         due = arrived = first = clock()
         host = dt = 0.0
         while True:
-            began, state = clock(), self._state
-            self._tick |= {"host": began - first, "dt": dt, **m._asdict()}
-            self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-            self._tick |= {"given": self._given, "received": arm.received, "asked": None}
+            state = self._state
+            self._tick |= {
+                "host": arrived - first,
+                "dt": dt,
+                **m._asdict(),
+                "a_k": state.a_k,
+                "a_d": state.a_d,
+                "adapting": state.adapting,
+                "given": self._given,
+                "received": self._arm.received,
+                "asked": None,
+            }
             torque = self._cycle(m, dt, host)
             if torque is not None:
-                arm.send(torque.copy())
-            spent = clock() - began
+                self._arm.send(torque.copy())
+            spent = clock() - arrived
             result.step[round(1e6 * spent)] += 1
             result.cycles += 1
-            if recorder is not None:
+            if self._recorder is not None:
                 self._tick |= {"step_us": 1e6 * spent, "phase": self._phase, "sent": self._sent}
-                recorder.record(self._tick)
+                self._recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
             over = duration is not None and m.t - self._begin >= duration
             if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
-            due += period
-            if clock() > due + period:
+            due += self._period
+            if clock() > due + self._period:
                 due = clock()  # missed deadlines are not made up for
             if not self._facts.paced:
                 time.sleep(max(due - clock(), 0.0))
-            before, earlier = arrived, m.t
-            m = self._read()
-            arrived = clock()
-            dt, host = m.t - earlier, arrived - before
+            latest = self._read()
+            now = clock()
+            dt = latest.t - m.t
+            host = now - arrived
+            m = latest
+            arrived = now
             result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
-            lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
-            self._blind = self._blind + host if lost else 0.0
-            result.late += max(dt, host) > 1.5 * period
+            seen = np.isfinite(m.q).all() or np.isfinite(m.v).all()
+            self._blind = 0.0 if seen else self._blind + host
+            result.late += max(dt, host) > 1.5 * self._period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
@@ -413,8 +434,7 @@ class RealtimeLoop:
         if torque is None or self._phase is Phase.STOPPED or self.stage is Stage.LOG:
             return None
         if not np.isfinite(torque).all():
-            words = "a torque is not finite"
-            self._respond(SafetyFinding("controller", words, Phase.STOPPED))
+            self._respond(SafetyFinding("controller", "a torque is not finite", Phase.STOPPED))
             return None
         change = self._checks.rate * max(dt, self._period)
         self._sent = limited_torque(torque, self._checks.limit, self._sent, change)
@@ -425,7 +445,8 @@ class RealtimeLoop:
 
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
-        controller, logging = self._controller, self.stage is Stage.LOG
+        controller = self._controller
+        logging = self.stage is Stage.LOG
         adapting = self._adapting and self._settled_for > _SETTLED and self._phase is Phase.RUNNING
         state = self._state.adapt(adapting).gave(self._given)
         try:
@@ -440,7 +461,8 @@ class RealtimeLoop:
         self._state = after
         feet = getattr(desired.feet, "table", None)
         self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
-        sensed, x = after.sensed, np.asarray(after.sensed.x)
+        sensed = after.sensed
+        x = np.asarray(sensed.x)
         dx = controller.kinematics.task.error(x, desired.x_d)
         age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
         pushed = None if logging else controller.disturbance(after)
@@ -488,7 +510,8 @@ class RealtimeLoop:
         """Enter the phase of a finding, unless it or a later one has been entered already."""
         if finding is None:
             return
-        phase, failed = finding.phase, finding.check not in ("interrupt", "stop")
+        phase = finding.phase
+        failed = finding.check not in ("interrupt", "stop")
         if phase > self._phase or (phase is Phase.HOLDING and self._halted):
             self._enter(phase, str(finding), failed=failed)
 
@@ -500,15 +523,16 @@ class RealtimeLoop:
             phase = Phase.STOPPED
         if phase is Phase.HOLDING and self.stage is Stage.GRAVITY:
             phase = Phase.DAMPING
-        result, name = self.result, phase.name.lower()
-        if not (phase is Phase.RUNNING or commanded):
+        result = self.result
+        name = phase.name.lower()
+        if not commanded:
             result.reason = result.reason or why
         result.failed = result.failed or failed
         result.phases.append((self._t - self._begin, name, why))
         self._say(f"{name}: {why}")
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
-            self._path = Retimed(self._path, _Ramp(self._now, self._now, 1.0, 0.0))
+            self._path = Retimed(self._path, _Ramp(self._now, self._now, halts=True))
         self._phase, self._since, self._quiet = phase, 0.0, 0.0
         self._halted = commanded and phase is Phase.HOLDING
 
@@ -555,6 +579,7 @@ class RealtimeLoop:
         Raises:
             InputError: it cannot be done now.
         """
+        begun = self._phase is not Phase.STARTING
         moving = self._phase is Phase.RUNNING and self.stage not in (Stage.LOG, Stage.GRAVITY)
         if name == "latch":
             self._checks.latched = str(value or "set by the operator")
@@ -566,9 +591,9 @@ class RealtimeLoop:
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             x = vector(value.get("x", ()), size, "frame.x", fills=False)
             self._frame = {"x": x, "x_time": self._t - age}
-        elif name == "stop" and self._phase is not Phase.STARTING:
+        elif name == "stop" and begun:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
-        elif name == "load" and self._phase is not Phase.STARTING:
+        elif name == "load" and begun:
             self._state = self._controller.announce(self._state, payload=load_of(value))
             self._checks.announced()
             self._event(load=value)
@@ -592,7 +617,7 @@ class RealtimeLoop:
 
     def _go(self, motion: Trajectory, place: float, why: str) -> None:
         """Move on along a motion from a place [s] of its own time, at rest there."""
-        self._path = Retimed(motion, _Ramp(self._now, place, 0.0, 1.0))
+        self._path = Retimed(motion, _Ramp(self._now, place, halts=False))
         self._enter(Phase.RUNNING, why, commanded=True)
 
 
@@ -602,7 +627,8 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
     Raises:
         InputError: other joints, another period, or gravity that is compensated by both or neither.
     """
-    facts, names = arm.facts, controller.kinematics.joint_names
+    facts = arm.facts
+    names = controller.kinematics.joint_names
     if len(facts.joints) != len(names):
         raise InputError(
             f"the arm has {len(facts.joints)} joints {list(facts.joints)}, the controller's robot "

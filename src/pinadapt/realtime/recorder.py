@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._checks import whole
+from .._checks import mapping, whole, word
 from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, ParameterError
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
+_STATED = ("t", "a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual", "step_us")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
@@ -81,9 +82,17 @@ def shapes_of(controller: Controller) -> dict[str, list[int]]:
     kinematics = controller.kinematics
     n, x, m = kinematics.nv, kinematics.task.coordinates, kinematics.task.size
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
-    sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
-    sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
-    sizes["feet"] = 10 * len(kinematics.robot.contacts)  # NaN: all stand
+    sizes |= {
+        "q": kinematics.nq,
+        "x": x,
+        "x_d": x,
+        "xd": m,
+        "xd_d": m,
+        "xdd_d": m,
+        "a_k": kinematics.size,
+        "a_d": controller.dynamics.size,
+        "feet": 10 * len(kinematics.robot.contacts),  # NaN: all stand
+    }
     one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
     return {name: [] for name in one} | {name: [size] for name, size in sizes.items()}
 
@@ -138,7 +147,8 @@ class Recorder:
             InputError: the file cannot be written, or the port is in use.
         """
         kinematics = controller.kinematics
-        self.path, self.trouble = Path(path), ""
+        self.path = Path(path)
+        self.trouble = ""
         if port is not None:
             whole(port, "port", 0, most=2**16 - 1)
         about = {
@@ -148,17 +158,19 @@ class Recorder:
             "law": controller.law.name,
             "period": repr(controller.period),
             "record": json.dumps(shapes_of(controller)),
-            "kinematic_names": json.dumps(list(kinematics.names)),
-            "dynamic_names": json.dumps(list(controller.dynamics.names)),
+            "kinematic_names": json.dumps(kinematics.names),
+            "dynamic_names": json.dumps(controller.dynamics.names),
             **(about or {}),
         }
-        context, tick = get_context("spawn"), tick_of(about)
+        context = get_context("spawn")
+        tick = tick_of(about)
         shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
-        self._ring, self._counts = np.frombuffer(shared[0], tick), np.frombuffer(shared[1], "u8")
-        self._count = 0
+        self._ring = np.frombuffer(shared[0], tick)
+        self._counts = np.frombuffer(shared[1], "u8")
         failure = InputError("the process of the log has not started.", where=path, hint=MAIN)
-        arguments = failure, shared, about, self.path, port, dict(translate or {})
-        self._process, self._link, self.port = start_process(_serve, *arguments)
+        self._process, self._link, self.port = start_process(
+            _serve, failure, shared, about, self.path, port, dict(translate or {})
+        )
         self.pid = self._process.pid
 
     def record(self, cycle: Mapping[str, Any]) -> None:
@@ -167,33 +179,31 @@ class Recorder:
         Args:
             cycle: numbers by name; what is None or missing is NaN.
         """
-        if self._count - int(self._counts[1]) >= len(self._ring):
+        written, read = self._counts.tolist()
+        if written - read >= len(self._ring):
             self.trouble = "cycles are not in the log; its disk is too slow"
             return
-        row = self._ring[self._count % len(self._ring)]
+        row = self._ring[written % len(self._ring)]
         for name in row.dtype.names or ():
             row[name] = cycle.get(name)  # None is NaN there
-        self._count += 1
-        self._counts[0] = self._count
+        self._counts[0] = written + 1
 
     def event(self, **what: Any) -> None:
         """Log something that happens, as JSON, with the number of the coming cycle."""
         with suppress(OSError):
-            self._link.send({"cycle": self._count, **what})
+            self._link.send({"cycle": int(self._counts[0]), **what})
 
-    def commands(self) -> list[tuple[str, Any]]:
-        """Return the commands that have come; ``trouble`` may have changed."""
-        found: list[tuple[str, Any]] = []
+    def commands(self) -> Iterator[tuple[str, Any]]:
+        """Yield the commands that have come; ``trouble`` may have changed then."""
         try:
             while select.select([self._link], [], [], 0.0)[0]:
                 name, value = self._link.recv()
                 if name == "trouble":
                     self.trouble = value
                 else:
-                    found.append((name, value))
+                    yield name, value
         except (OSError, EOFError):
             self.trouble = "the process has died"
-        return found
 
     def close(self) -> None:
         """Have the rest written and end the process."""
@@ -242,7 +252,8 @@ class _LogProcess:
         self._ring = np.frombuffer(shared[0], tick_of(about))
         self._counts = np.frombuffer(shared[1], "u8")  # of records, written and read
         self._link = link
-        self._translate, self._read = translate, 0
+        self._translate = translate
+        self._read = 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start = time.time_ns()  # at the arm's time zero, once it is known
@@ -287,8 +298,7 @@ class _LogProcess:
             self._file.flush()
         except OSError as error:
             self._writer = None
-            words = f"the log cannot be written: {error.strerror or error}"
-            self._send("trouble", words)
+            self._send("trouble", f"the log cannot be written: {error.strerror or error}")
 
     def _send(self, name: str, value: Any) -> None:
         with suppress(OSError):
@@ -301,18 +311,19 @@ class _LogProcess:
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
-        return self._start + round(1e9 * float(self._row["t"]))
+        return self._start + round(1e9 * self._row["t"])
 
     def _drain(self) -> None:
         """Take the records that have come."""
-        while self._read < int(self._counts[0]):
+        while self._read < self._counts[0]:
             self._row = row = self._ring[self._read % len(self._ring)].copy()
             if not self._read:
-                self._start -= round(1e9 * float(row["t"]))
+                self._start -= round(1e9 * row["t"])
             self._read += 1
             self._counts[1] = self._read
             self._add("/pinadapt/cycle", _LITTLE_ENDIAN + row.tobytes())
-            q, n = row["q"], len(self._joints)
+            q = row["q"]
+            n = len(self._joints)
             if q.size == n:
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
                 header = divmod(self._stamp(), 10**9)
@@ -328,32 +339,32 @@ class _LogProcess:
         with suppress(OSError):
             said, sender = self._server.recvfrom(1 << 16)
             try:
-                reply = json.dumps(self._reply(json.loads(said)))
+                reply = self._reply(json.loads(said))
             except Exception as error:  # a command must not end the log
-                reply = json.dumps({"error": f"{error}"})
-            self._server.sendto(reply.encode(), sender)
+                reply = {"error": str(error)}
+            self._server.sendto(json.dumps(reply).encode(), sender)
 
     def _reply(self, asked: Any) -> dict[str, Any]:
-        name = asked.get("command") if isinstance(asked, dict) else None
-        if name not in COMMANDS:
-            known = ", ".join(COMMANDS)
-            return {"error": f"there is no command {name!r}; expected one of {known}."}
+        """Return the answer to a command.
+
+        Raises:
+            InputError: it is none, or cannot be done yet.
+        """
+        asked = mapping(asked, "datagram")
         row = self._row
+        name = word(asked.get("command"), COMMANDS, "command")
+        value = asked.get("value")
         if name == "state":
-            numbers = ("a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual")
             return {
-                "t": float(row["t"]),
                 "cycle": self._read,
                 "phase": Phase(int(row["phase"])).name.lower(),
-                "adapting": bool(row["adapting"] == 1.0),
-                "step_us": float(row["step_us"]),
+                "adapting": bool(row["adapting"]),
                 "messages": list(self._messages),
-                **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
+                **{key: np.nan_to_num(row[key]).tolist() for key in _STATED},
             }
-        value = asked.get("value")
         if name in self._translate:
             if not self._read:
-                return {"error": "the loop has not started."}
+                raise InputError("the loop has not started.")
             value = self._translate[name](value, measurement_of(row))
         self._send(name, value)
         return {"done": name}
@@ -393,7 +404,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
             link.sendto(
                 json.dumps({"command": command, "value": value}).encode(), ("127.0.0.1", port)
             )
-            reply: dict[str, Any] = json.loads(link.recv(1 << 20))
+            reply = json.loads(link.recv(1 << 20))
         except OSError as error:
             raise InputError(
                 f"no answer: {error}.",
@@ -517,11 +528,11 @@ class CycleLog:
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
-        start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
-        announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
+        announced = {event["cycle"]: event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
-        found, stepped = [], self.stepped
-        for k, row in enumerate(np.asarray(self.cycles)):
+        found = []
+        stepped = self.stepped
+        for k, row in enumerate(self.cycles):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
             if not stepped[k]:
@@ -532,11 +543,11 @@ class CycleLog:
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
                 try:
-                    state = controller.init(m, **start)
+                    state = controller.init(m, **begun["start"])
                 except ParameterError:  # other unknowns: from its own estimates
                     state = controller.init(m)
             state = state.adapt(bool(row["adapting"])).gave(_signal(row, "given"))
-            torque, state = controller.step(state, m, desired, float(begun["period"]))
+            torque, state = controller.step(state, m, desired, begun["period"])
             found.append(torque)
         logged = self.cycles.asked[stepped]
         return ReplayedTorques(np.reshape(found, logged.shape), logged)
@@ -562,7 +573,7 @@ class ReplayedTorques:
     @property
     def difference(self) -> np.ndarray:
         """(n) root mean square of the differences [N m or N]."""
-        return np.asarray(np.sqrt(np.mean((self.torque - self.logged) ** 2, axis=0)))
+        return np.sqrt(np.mean((self.torque - self.logged) ** 2, axis=0))
 
 
 def load_of(table: Mapping[str, Any] | None) -> Payload | None:
@@ -576,5 +587,6 @@ def load_of(table: Mapping[str, Any] | None) -> Payload | None:
     try:
         return Payload(**table)
     except TypeError as error:
-        words = f'expected a table such as {{"mass": 1.0}}: {error}.'
-        raise InputError(words, where="load") from error
+        raise InputError(
+            f'expected a table such as {{"mass": 1.0}}: {error}.', where="load"
+        ) from error

@@ -134,9 +134,13 @@ class Checklist:
         Raises:
             InputError: a box for another number of coordinates.
         """
-        robot, self._task = controller.kinematics.robot, controller.kinematics.task
-        model, n = robot.model, robot.model.nv
-        self._safety, self._period, self._joints = safety, facts.period, robot.joint_names
+        robot = controller.kinematics.robot
+        self._task = controller.kinematics.task
+        model = robot.model
+        n = robot.model.nv
+        self._safety = safety
+        self._period = facts.period
+        self._joints = robot.joint_names
         self.limit = np.minimum(facts.torque, effort_limits(model))
         if controller.limits.torque is not None:
             self.limit = np.minimum(self.limit, controller.limits.torque)
@@ -145,13 +149,15 @@ class Checklist:
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
         self._places = model.idx_qs.tolist()[1:]
-        self._lower, self._upper = lower + safety.margin, upper - safety.margin
+        self._lower = lower + safety.margin
+        self._upper = upper - safety.margin
         self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
         if self._box is not None and self._box.shape[1] != k:
-            words = f"has {self._box.shape[1]} coordinates; the task has {k}."
-            raise InputError(words, where="safety.box")
+            raise InputError(
+                f"has {self._box.shape[1]} coordinates; the task has {k}.", where="safety.box"
+            )
         length = 0.1 * robot.reach if safety.error is None else safety.error
         own = np.arange(self._task.size) < self._task.lengths
         self._far = np.where(own, length, safety.angle)
@@ -159,14 +165,18 @@ class Checklist:
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise
         self._contact = np.maximum(safety.contact * self.limit, least)
-        self.residual, self.latched = np.zeros(n), ""
-        self._same, self._late, self._before = 0, 0.0, -math.inf
+        self.residual = np.zeros(n)
+        self.latched = ""
+        self._same = 0
+        self._late = 0.0
+        self._before = -math.inf
         self._pushing = 0.0  # [s] at a limit
         self.announced()
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
-        self._mean, self._time = np.zeros(self.limit.size), 0.0
+        self._mean = np.zeros(self.limit.size)
+        self._time = 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -179,7 +189,8 @@ class Checklist:
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
             received: share of the last torques that the arm has received; NaN: not known.
         """
-        safety, speed = self._safety, np.abs(m.v)
+        safety = self._safety
+        speed = np.abs(m.v)
         periods = max(dt, host) / self._period
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
@@ -229,7 +240,7 @@ class Checklist:
             self.residual = disturbance - self._mean
         full = np.abs(torque) > 0.999 * self.limit
         self._pushing = self._pushing + dt if full.any() else 0.0
-        pushing = full if self._pushing >= self._safety.saturated else False
+        pushing = full & (self._pushing >= self._safety.saturated)
         residual = np.abs(self.residual)
         outside: Any = False
         if self._box is not None:

@@ -22,8 +22,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
 from ..simulation.loop import Events
-from ..simulation.prepare import findings
-from ..simulation.simulate import Progress, simulate
+from ..simulation.simulate import Progress, findings, simulate
 from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory

@@ -128,7 +128,8 @@ class Engine:
         Raises:
             InputError: no such plant, or springs with another one than Pinocchio's.
         """
-        plant, actuators = self.plant, self.actuators
+        plant = self.plant
+        actuators = self.actuators
         if isinstance(plant, MujocoFile):
             maker: PlantMaker = partial(MujocoPlant, mjcf=plant)
         else:

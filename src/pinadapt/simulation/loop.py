@@ -22,13 +22,14 @@ from ..exceptions import (
     InputError,
     PinadaptError,
 )
+from ..laws import DEFAULT
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Measurement
 from ..robot.robot import EARLY, Robot, in_time
-from ..trajectories.given import TrajectoryLike
-from .prepare import usable_trajectory
+from ..trajectories.given import TrajectoryLike, as_trajectory
+from ..trajectories.trajectory import Trajectory
 
 ANNOUNCED = ("payload", "tool_translation")
 
@@ -148,12 +149,13 @@ def run(
         instance(controller, Controller, "controller")  # any other with these two will do
     trajectory = usable_trajectory(controller, trajectory, duration)
     instance(sensors, SimulatedSensors | None, "sensors")
-    instance(events, Events | None, "events")
+    events = instance(Events() if events is None else events, Events, "events")
     plant.reset()
     if sensors is not None:
         sensors.reset()
     simulated: Any = plant
-    given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
+    given = None
+    governed = getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         measurement = truth if sensors is None else sensors.measure(truth, given)
@@ -176,9 +178,38 @@ def run(
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
-        state = after
-        if events is not None:
-            state = events.happen(plant, controller, state, truth.t, truth.t + dt)
+        state = events.happen(plant, controller, after, truth.t, truth.t + dt)
+
+
+def usable_trajectory(
+    controller: Any, given: TrajectoryLike, duration: float | None = None
+) -> Trajectory:
+    """Return a motion as a ``Trajectory`` that suits the controller's task and law.
+
+    Args:
+        controller: a ``Controller``, or any object with ``init`` and ``step``, of whose task and
+            law nothing is known.
+        given: as ``as_trajectory`` takes it.
+        duration: of the run [s]; None for a run without end.
+
+    Raises:
+        InputError: it is no motion, has not the coordinates of the task, is not finite at its
+            start, or does not come to rest where the law is for a set point.
+    """
+    kinematics = getattr(controller, "kinematics", None)
+    law = getattr(controller, "law", None)
+    trajectory = as_trajectory(given, None if kinematics is None else kinematics.task)
+    if law is None or not law.set_point or trajectory.settles is not None:
+        return trajectory
+    last = trajectory.at(60.0 if duration is None else duration)  # [s]
+    if max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6:
+        return trajectory
+    raise InputError(
+        f"the law '{law.name}' is for a set point, and the desired motion does not come to rest.",
+        where="trajectory",
+        hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
+        f"rest), or the law '{DEFAULT}', which follows motions.",
+    )
 
 
 def _check_speed(v: np.ndarray, t: float) -> None:
@@ -194,7 +225,7 @@ def _check_speed(v: np.ndarray, t: float) -> None:
 def _bring_to_rest(
     plant: Plant,
     controller: Controller,
-    state: ControllerState | None,
+    state: ControllerState,
     measurement: Measurement,
     dt: float,
 ) -> None:
@@ -202,7 +233,7 @@ def _bring_to_rest(
 
     An arm of which nothing is measured any more is left to its own stop, and so is a simulated one.
     """
-    if state is None or isinstance(plant, SimulatedPlant) or not isinstance(controller, Controller):
+    if isinstance(plant, SimulatedPlant) or not isinstance(controller, Controller):
         return
     for _ in range(round(_DAMP / dt)):
         torque, state = controller.safe(state, measurement)
@@ -268,13 +299,15 @@ def run_continuous(
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``; all samples before
             were yielded.
     """
-    trajectory, q = usable_trajectory(controller, trajectory, duration), plant.robot.q0
+    trajectory = usable_trajectory(controller, trajectory, duration)
+    q = plant.robot.q0
     if state is None:
         state = controller.init(plant.measurement(q, np.zeros(plant.nv)))
     if state.start is not None:  # samples are what it waits for
         path = None if controller.limits.governor is None else PathTime()
         state = state._replace(start=None, path=path)
-    events, n = events or Events(), plant.nv
+    events = events or Events()
+    n = plant.nv
 
     def slope(
         y: np.ndarray, t: float, before: ControllerState
@@ -286,20 +319,21 @@ def run_continuous(
         Raises:
             InputError: the desired motion is not finite.
         """
-        place, v = plant.integrate(q, y[:n]), y[n : 2 * n]
-        state, seen = before.with_flat(y[2 * n :]), plant.measurement(place, v, t)
+        displacement, v, flat = np.split(y, [n, 2 * n])
+        place = plant.integrate(q, displacement)
+        state = before.with_flat(flat)
+        seen = plant.measurement(place, v, t)
         desired = controller.desired(state, trajectory, t)
         if not np.isfinite(np.concatenate(desired)).all():
             raise InputError(f"the motion is not finite: {desired}.", where="desired")
         signals, command = controller.command(state, seen, desired)
-        needed = ideal_acceleration and controller.law.uses_acceleration
-        if needed:
+        if ideal_acceleration:
             a = plant.acceleration_at(place, v, command.torque, command.feedthrough)
             tau, drives = controller.respond(state, signals.replaced(a=a))
+            torque = plant.motors_at(place, tau)
         else:
             tau, drives = controller.sent(signals, command)
-        torque = plant.motors_at(place, tau)
-        if not needed:
+            torque = plant.motors_at(place, tau)
             a = plant.acceleration_at(place, v, torque)
         rate = controller.rate(state, signals, drives, torque)
         sample = Sample(t, seen, desired, state, torque, seen)
@@ -307,7 +341,8 @@ def run_continuous(
 
     v = np.zeros(n)
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):
-        t, after = k * dt, (k + 1) * dt
+        t = k * dt
+        after = (k + 1) * dt
         y = np.concatenate([np.zeros(n), v, state.flat()])
         try:
             k1, sample, state = slope(y, t, state)
@@ -321,10 +356,10 @@ def run_continuous(
         except (PinadaptError, np.linalg.LinAlgError) as error:
             raise ended(error, t) from error
         y = y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-        v = y[n : 2 * n]
+        displacement, v, flat = np.split(y, [n, 2 * n])
         _check_speed(v, after)
-        q = plant.integrate(q, y[:n])  # exact, as one-joint groups commute
-        state = state.with_flat(y[2 * n :])
+        q = plant.integrate(q, displacement)  # exact, as one-joint groups commute
+        state = state.with_flat(flat)
         # the estimate that the adaptation keeps there: a projection is a jump, not a slope
         kept = controller.adaptation_d.project(state.dynamic, q)
         state = state._replace(dynamic=state.dynamic.with_value(kept))

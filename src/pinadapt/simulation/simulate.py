@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import arithmetic, instance, mapping, positive, whole, word
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
-from ..controller.state import Bridged, Sample
+from ..controller.state import Bridged, ControllerState, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
 from ..information.tracker import find_camera, find_tracker
 from ..models.camera_kinematics import CameraKinematics
@@ -27,7 +27,7 @@ from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..reference import SmallExcitation, starting_from
-from ..robot.motors import Actuators
+from ..robot.motors import Actuators, overloaded
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation
 from ..rollout.rollout import Rollout
@@ -35,12 +35,13 @@ from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike
 from ..trajectories.pose import placed_trajectory
 from ..tuning.make_controller import make_controller
+from ..tuning.preflight import preflight, sensor_findings
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
-from .prepare import findings, prepare
 
 Progress = Callable[[range], Iterable[int]]
 
+_START = ("a_k", "a_d", "information", "information_k")
 _MOST = 1e7  # samples of a run, some 20 minutes of computation; half or twice: of as much
 
 
@@ -66,8 +67,7 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
         return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
-    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
-    return bar
+    return tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
 
 
 def simulate(
@@ -124,7 +124,8 @@ def simulate(
     instance(controller, Controller, "controller")
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
-    dt, motors = engine.period(controller), engine.motors(true)
+    dt = engine.period(controller)
+    motors = engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
     duration = positive(duration, "duration", error=InputError)
@@ -177,7 +178,8 @@ def simulate(
             warnings.warn(finding, stacklevel=3)
         options["sensors"] = None if sensors.perfect else simulated
         stream = run(plant, controller, trajectory, **options)
-    live, name = progress == "live", title or true.name
+    live = progress == "live"
+    name = title or true.name
     steps = watched(indices, None if live else progress, name)
     with ExitStack() as stack, np.errstate(all="ignore"):  # a loop that diverges overflows
         if live:
@@ -208,6 +210,65 @@ def simulate(
     return rollout
 
 
+@arithmetic("simulation")
+def prepare(
+    plant: SimulatedPlant,
+    controller: Controller,
+    start: LearnedParameters | Mapping[str, ArrayLike | None] | None,
+) -> ControllerState:
+    """Return the controller's initial state; check that it fits the plant.
+
+    Args:
+        plant: to be driven.
+        controller: that drives it.
+        start: initial estimates, as in ``simulate``.
+
+    Raises:
+        InputError: it does not, or the initial estimates cannot be used.
+    """
+    true = plant.robot
+    own = controller.kinematics
+    ours = true.joint_names, true.frames, true.task.name
+    theirs = own.joint_names, own.robot.frames, own.task.name
+    if ours != theirs:
+        raise InputError(
+            f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",
+            hint="Make both from the same load(), the true one by .changed().",
+        )
+    if isinstance(start, LearnedParameters):
+        start = start.start(controller)
+    given: Any = mapping(start, "start")
+    for name in given:
+        word(name, _START, "start")
+    return controller.init(plant.measure(), **given)
+
+
+def findings(
+    true: Robot,
+    controller: Controller,
+    engine: Engine,
+    sensors: Sensors,
+) -> list[str]:
+    """Return the findings on period, camera, encoders and motors before a sampled run.
+
+    Args:
+        true: the true robot.
+        controller: to drive it.
+        engine: what moves the true robot.
+        sensors: of the true robot.
+    """
+    if engine.continuous:
+        return []
+    dt = engine.period(controller)
+    motors = engine.motors(true)
+    quality = sensors.quality(true.model.nv, dt)
+    found = [*preflight(controller, dt, engine.actuators), *sensor_findings(controller, quality)]
+    words = [str(each) for each in found]
+    if motors is not None and controller.compensation is None:
+        words += filter(None, [overloaded(true, motors)])
+    return words
+
+
 def after_excitation(
     plant: Plant,
     controller: Controller,
@@ -231,7 +292,8 @@ def after_excitation(
         LogError: the frames show none, see ``find_tracker`` and ``find_camera``.
         DivergedError: the motion diverged.
     """
-    robot, seen = controller.kinematics.robot, controller.sensors
+    robot = controller.kinematics.robot
+    seen = controller.sensors
     noise = {name: seen.noise[name] for name in ("q", "v") if name in seen.noise}
     own = make_controller(
         replace(robot, task=JointTask.of_joints(robot.model)),
@@ -260,16 +322,12 @@ class Record:
 
     Attributes:
         samples: one of so many.
-        steps: how many there were.
-        step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
         reason: why, or None.
         interrupted: time [s] of the last sample before the user stopped the run, or None.
     """
 
     samples: list[Sample] = field(default_factory=list)
-    steps: int = 0
-    step_time: float = 0.0
     diverged: float | None = None
     reason: str | None = None
     interrupted: float | None = None
@@ -283,17 +341,18 @@ def record(
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
-    kept, last = Record(), 0.0
+    kept = Record()
+    last = 0.0
     samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
-            kept.steps, last = kept.steps + 1, sample.t
-            kept.step_time += sample.step_time
+            last = sample.t
             if k % every == 0:
-                whole, state = sample, controller.recorded(sample.state)
-                samples.append(sample._replace(state=state))
+                whole = sample
+                samples.append(sample._replace(state=controller.recorded(sample.state)))
     except DivergedError as error:
-        kept.diverged, kept.reason = error.time, error.reason
+        kept.diverged = error.time
+        kept.reason = error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
     if samples:
@@ -324,8 +383,10 @@ def rollout_of(
         wall_time: of the run [s].
         extent: of the desired path, see ``Trajectory.extent``.
     """
-    robot, samples = robots.robots[0], kept.samples
-    n, coordinates = plant.nv, robot.task.coordinates
+    robot = robots.robots[0]
+    samples = kept.samples
+    n = plant.nv
+    coordinates = robot.task.coordinates
 
     def column(of: Callable[[Sample], np.ndarray | None], size: int) -> np.ndarray:
         """Return a number of the samples' arrays as one (N, size)."""
@@ -359,7 +420,7 @@ def rollout_of(
         diverged=kept.diverged,
         reason=kept.reason,
         wall_time=wall_time,
-        step_time=kept.step_time / max(kept.steps, 1),
+        step_time=float(np.mean([sample.step_time for sample in samples] or [0.0])),
         evaluation=Evaluation(controller, robots, samples),
         marks=tuple(sorted(words.items())),
         interrupted=kept.interrupted,
