@@ -69,7 +69,7 @@ class FittedMidpoint:
         data = self._data
         if not (robot.friction.present or robot.constraints):
             return pin.aba(model, data, q, v, tau)
-        part = robot.friction_at(q)
+        part = robot.friction_at(q) if robot.friction.loaded else robot.friction
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added
         if not (part.shafts or robot.constraints):

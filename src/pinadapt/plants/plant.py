@@ -162,7 +162,7 @@ class SimulatedPlant(Plant):
         tau = np.asarray(self.motors(torque), dtype=float)
         if tau.shape != (self.nv,):
             raise InputError(f"expected {self.nv} numbers, got {tau.shape}.", where="torque")
-        if not np.isfinite(tau).all():
+        if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():  # the first is quick
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold(tau, dt)
@@ -241,10 +241,7 @@ def fitted_friction(
     return fitted
 
 
-@compiled(
-    "void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])",
-    allocates=True,
-)
+@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])")
 def _fit(
     viscous: np.ndarray,
     coulomb: np.ndarray,
@@ -259,11 +256,12 @@ def _fit(
     fitted: np.ndarray,
 ) -> None:
     """Write the rows of ``fitted_friction``."""
-    threshold, excess, rate = shape
-    x = np.maximum(np.abs(v) / threshold, 1e-6)
-    sigma = np.tanh(x) * (1.0 + excess * np.exp(-np.abs(v) * rate))
-    D = viscous + (coulomb + asymmetry * np.copysign(1.0, v)) * sigma / (x * threshold)
-    z = h * D / inertia
-    theta = np.where(z < 1e-3, 0.5 + z / 12.0, -1.0 / np.expm1(-z) - 1.0 / z)
-    fitted[0], fitted[1], fitted[2] = D, theta, theta * h * D
-    fitted[3] = tau - offset - D * start
+    for i in range(len(v)):
+        x = max(abs(v[i]) / shape[0, i], 1e-6)
+        sigma = math.tanh(x) * (1.0 + shape[1, i] * math.exp(-abs(v[i]) * shape[2, i]))
+        dry = coulomb[i] + asymmetry[i] * math.copysign(1.0, v[i])
+        D = viscous[i] + dry * sigma / (x * shape[0, i])
+        z = h * D / inertia[i]
+        theta = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
+        fitted[0, i], fitted[1, i] = D, theta
+        fitted[2, i], fitted[3, i] = theta * h * D, tau[i] - offset[i] - D * start[i]
