@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import compress, groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -355,8 +355,7 @@ class Recording:
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
         found = []
-        ends = [*(at for at, _ in self.marks[1:]), np.inf]
-        for (at, what), end in zip(self.marks, ends, strict=False):
+        for (at, what), (end, _) in pairwise([*self.marks, (np.inf, "")]):
             part = (self.t >= at - EARLY) & (self.t < end - EARLY)
             if not part.any():
                 continue
@@ -408,8 +407,7 @@ class Recording:
         torques = self.motion_torques()
         if torques is None:
             return ()
-        names = np.array(torques.excited.names)
-        return tuple(names[~torques.excited.alone].tolist())
+        return tuple(compress(torques.excited.names, ~torques.excited.alone))
 
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
@@ -449,29 +447,33 @@ class Recording:
         return None if V is None else (self.t[chosen], V)
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        run, found = self.evaluated(), []
-        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
-        for sample in run.samples:
+        controller = self.evaluated().controller
+
+        def M_hat(sample: Sample) -> np.ndarray:
             q = sample.measurement.q
-            dynamics.load(project(sample.state.dynamic, q))
-            M = dynamics.mass_matrix(q)
-            found.append(np.linalg.eigvalsh(M)[0] if np.isfinite(M).all() else np.nan)
-        return np.array(found)
+            controller.dynamics.load(controller.adaptation_d.project(sample.state.dynamic, q))
+            return controller.dynamics.mass_matrix(q)
+
+        return self._smallest(np.linalg.eigvalsh, M_hat)
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
-        run, found = self.evaluated(), []
-        kinematics = run.controller.kinematics
-        for sample in run.samples:
+        kinematics = self.evaluated().controller.kinematics
+
+        def J_hat(sample: Sample) -> np.ndarray:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            J = kinematics.J
-            found.append(np.linalg.svd(J, compute_uv=False)[-1] if np.isfinite(J).all() else np.nan)
-        return np.array(found)
+            return kinematics.J
+
+        return self._smallest(np.linalg.svdvals, J_hat)
+
+    @np.errstate(all="ignore")
+    def _smallest(self, values: Callable[[Any], Any], matrix: Callable[[Any], Any]) -> np.ndarray:
+        """Return the smallest value (N) of a matrix of each sample; NaN where it is not finite."""
+        matrices = map(matrix, self.evaluated().samples)
+        return np.array([values(M).min() if np.isfinite(M).all() else np.nan for M in matrices])
 
     @cached_property
     @np.errstate(all="ignore")
@@ -480,10 +482,8 @@ class Recording:
 
         In the last 10 %, to the nearest such point; None for tasks other than a picture.
         """
-        if not isinstance(self.task, ImageTask) or not len(self.t):
-            return None
         true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
-        if not true.known:
+        if not (isinstance(self.task, ImageTask) and true.known):
             return None
         found = []
         for k in last[:: max(1, len(last) // 100)]:

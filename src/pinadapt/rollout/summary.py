@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, TypeAlias
@@ -15,6 +15,7 @@ from .._output import Report, Table, as_json, percent, read_as_data, short
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
+from ..information.information import rms
 from ..laws import LAWS
 from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
@@ -94,9 +95,7 @@ def summary(run: Recording) -> Numbers:
         "version": __version__,
     }
     if isinstance(run.task, JointTask):
-        numbers["recorded"] |= {
-            name: getattr(run.task, name) for name in ("labels", "continuous", "places", "dofs")
-        }
+        numbers["recorded"]["joints"] = astuple(run.task)[1:]
     if isinstance(run.task, FramesTask):
         own = zip(run.task.frames, run.task.ids, strict=True)
         numbers["recorded"]["frames"] = dict(own)
@@ -112,7 +111,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     return {
         f"max_{name}_first": extreme(np.max, window(norms, True)),
         f"max_{name}_last": extreme(np.max, last),
-        f"rms_{name}_last": extreme(lambda e: float(np.sqrt(np.mean(e**2))), last),
+        f"rms_{name}_last": extreme(rms, last),
     }
 
 
@@ -204,15 +203,14 @@ def load(folder: Path) -> dict[str, Any]:
 
 def _task(numbers: Numbers, coordinates: int) -> Task:
     """Return the task of a run; of a picture with so many coordinates without the cameras."""
-    name = numbers["task"]
+    name, recorded = numbers["task"], numbers["recorded"]
+    if "joints" in recorded:
+        return JointTask(name, *map(tuple, recorded["joints"]))
     if name == IMAGE:
         cameras = [np.eye(4)[[0, 1, 3]]] * (-(-coordinates // 2))
         return ImageTask.seen_by(TASKS["xyz"], cameras, numbers["pixel"])
-    if name in TASKS:
-        frames = numbers["recorded"].get("frames")
-        return TASKS[name] if frames is None else FramesTask.of(TASKS[name], frames)
-    parts = (numbers["recorded"][part] for part in ("labels", "continuous", "places", "dofs"))
-    return JointTask(name, *map(tuple, parts))
+    frames = recorded.get("frames")
+    return TASKS[name] if frames is None else FramesTask.of(TASKS[name], frames)
 
 
 # Error relative to that without adaptation, above which it hardly helps; half or twice: fewer or

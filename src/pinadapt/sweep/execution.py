@@ -71,8 +71,8 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
     Raises:
         InputError: the values cannot be used.
     """
-    values = {"simulation.seed": case.seed, **case.values}
-    return Scenario.build(with_values(tables, values), Path(folder))
+    own = with_values(tables, {"simulation.seed": case.seed, **case.values})
+    return Scenario.build(own, Path(folder))
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:
@@ -103,7 +103,7 @@ def resolved(function: Function, path: str) -> Callable[..., Any]:
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found = getattr(import_module(module), name)
+        return getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -111,7 +111,6 @@ def resolved(function: Function, path: str) -> Callable[..., Any]:
             hint='Write "module:function"; the module is searched for from the folder of the '
             "sweep file.",
         ) from error
-    return found
 
 
 def work_of(plan: Plan) -> Work:
@@ -287,15 +286,14 @@ def rows(
         InputError: a function cannot be imported, or no process can be started.
     """
     work = work_of(plan)
-    timeout = plan.timeout
     if executor is not None and not isinstance(executor, Executor):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
-                yield run_case(work, case, timeout)
+                yield run_case(work, case, plan.timeout)
             return
-        task = partial(_run, pickle.dumps(work), timeout)
+        task = partial(_run, pickle.dumps(work), plan.timeout)
         if isinstance(executor, Executor):
             yield from _as_ended(executor, task, cases)
             return

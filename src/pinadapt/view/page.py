@@ -52,8 +52,7 @@ def page(
         f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
         for text, colour in scene.legend.items()
     )
-    template = Template((files(__package__) / "page.html").read_text(encoding="utf-8"))
-    return template.substitute(
+    return Template((files(__package__) / "page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
         legend="".join(rows),
         viewer=_viewer(),
@@ -70,8 +69,7 @@ def _packed(data: bytes) -> str:
 @cache
 def _viewer() -> str:
     """Return meshcat's viewer for browsers, compressed, as text."""
-    path = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
-    return _packed(path.read_bytes())
+    return _packed((files(meshcat) / "viewer" / "dist" / "main.min.js").read_bytes())
 
 
 # A rollout as a web page

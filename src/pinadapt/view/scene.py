@@ -11,6 +11,7 @@ from meshcat.geometry import Cylinder, Material, Sphere
 from meshcat.transformations import translation_matrix
 from scipy.spatial.transform import Rotation
 
+from .._output import Record, as_json
 from ..controller.controller import Controller
 from ..controller.state import Sample
 from ..description.chain import frame_id
@@ -60,9 +61,9 @@ def motion_of(
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
-        pin.forwardKinematics(model, data, configuration)
-        tips = [pin.updateFramePlacement(model, data, end) for end in ends]
-        motion.append([placement.homogeneous for placement in [*data.oMi, *tips]])
+        pin.framesForwardKinematics(model, data, configuration)
+        placements = [*data.oMi, *(data.oMf[end] for end in ends)]
+        motion.append([placement.homogeneous for placement in placements])
     return np.array(motion)
 
 
@@ -114,10 +115,10 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
     towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
-    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
-    half = 0.5 * (high - low)
+    seen = points @ axes
+    half = 0.5 * np.ptp(seen, axis=0)
     box = half + 0.3 * max(half.max(), 1e-3)  # bodies extend beyond the joints' origins
-    target = axes @ (0.5 * (low + high))
+    target = axes @ (seen.min(axis=0) + half)
     return {"target": target.tolist(), "direction": axes[:, 2].tolist(), "box": box.tolist()}
 
 
@@ -141,7 +142,7 @@ class DrawnRobot:
             tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        self._parents: list[int] = []
+        self._bones: list[tuple[int, int]] = []  # their ends in a motion
         self.loads: list[tuple[int, Node]] = []
         self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
         for end in self._tips:
@@ -154,10 +155,9 @@ class DrawnRobot:
         for index in range(joints):
             turn = Rotation.from_matrix(motion[:, index, :3, :3])
             poses.move(self.node[f"joint {index}"], points[index], turn)
-        for end, start in enumerate(self._parents):
-            if end:
-                bone = rod(points[start], points[end], 0.025 * self.size)
-                poses.move(self.node[f"rod {end}"], *bone)
+        for end, start in self._bones:
+            bone = rod(points[start], points[end], 0.025 * self.size)
+            poses.move(self.node[f"rod {end}"], *bone)
         for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
@@ -165,12 +165,11 @@ class DrawnRobot:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
         model = self.robot.model
         tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
-        self._parents = [*model.parents, *tips]
-        for end in range(len(self._parents)):
-            if end < model.njoints:
-                self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
-            if end:
-                self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
+        _, *self._bones = enumerate([*model.parents, *tips])  # none ends at the base
+        for joint in range(model.njoints):
+            self.node[f"joint {joint}"]["ball"].set_object(Sphere(0.04 * self.size), material)
+        for end, _ in self._bones:
+            self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of the robot of this number in the succession as a ball of steel."""
@@ -296,10 +295,7 @@ class Scene:
             carried = self.robots.index(t)[:, None] == number
             poses.move(node, np.zeros((len(t), 3)), None, np.where(carried, 1.0, HIDDEN))
         for sample in samples:
-            moment = round(sample.t, 4)
-            values = self._reading(sample)
-            read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-            self.window.note(("reading", moment), reading={"t": moment, "values": read})
+            self.window.note(("reading", sample.t), reading=self._reading(sample))
         return tips
 
     @property
@@ -308,8 +304,8 @@ class Scene:
         units = {f"{group.name} error": group.shown.unit for group in self.true.task.groups}
         return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
 
-    def _reading(self, sample: Sample) -> list[float]:
-        """Return the values of the curves at a sample."""
+    def _reading(self, sample: Sample) -> Record:
+        """Return time and values of the curves at a sample, as the page takes them."""
         task = self.true.task
         assert sample.truth.x is not None  # perfect sensors see the task
         error = task.error(sample.truth.x, sample.desired.x_d)
@@ -317,7 +313,8 @@ class Scene:
         if self._truths:
             truth = self._truths[int(self.robots.index(sample.t))]
             parts.append(1e3 * (sample.state.a_k - truth))
-        return [float(np.linalg.norm(part)) for part in parts]
+        values = [float(f"{np.linalg.norm(part):.4g}") for part in parts]
+        return {"t": round(sample.t, 4), "values": as_json(values)}
 
     def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""

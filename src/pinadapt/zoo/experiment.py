@@ -27,7 +27,7 @@ from ..robot.motors import overloaded
 from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
-from ..rollout.recording import ACCURATE, extreme
+from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.recording import TURN as SWING
 from ..rollout.rollout import Rollout
 from ..rollout.summary import BETTER
@@ -182,7 +182,7 @@ def zoo_numbers(
                 "unadapted_angle": _last(case, unadapted, unadapted.angle),
                 "adapted_angle": _last(case, adapted, adapted.angle),
             }
-            row["verdict"] = _verdict(case, row, adapted)
+            row["verdict"] = _verdict(row, adapted)
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
@@ -244,14 +244,9 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
     return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
-def _verdict(case: ZooCase, found: Record, adapted: Rollout) -> str:
+def _verdict(found: Record, adapted: Rollout) -> str:
     """Return "converged", or how the run ended."""
-    error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
-    if adapted.diverged is not None:
-        return f"diverged at {adapted.diverged:.2f} s: {str(adapted.reason).rstrip('.')}"
-    accurate = error is not None and error <= ACCURATE * case.radius
-    if angle is not None:
-        accurate = accurate and angle <= ACCURATE * SWING
-    if accurate and without is not None and error <= BETTER * without:
+    error, without = found["adapted"], found["unadapted"]
+    if adapted.grade == FOLLOWS and without is not None and error <= BETTER * without:
         return CONVERGED
     return adapted.verdict
