@@ -97,8 +97,7 @@ def summary(run: Recording) -> Numbers:
     if isinstance(run.task, JointTask):
         numbers["recorded"]["joints"] = astuple(run.task)[1:]
     if isinstance(run.task, FramesTask):
-        own = zip(run.task.frames, run.task.ids, strict=True)
-        numbers["recorded"]["frames"] = dict(own)
+        numbers["recorded"]["frames"] = dict(zip(run.task.frames, run.task.ids, strict=True))
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
@@ -131,11 +130,11 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
         ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
-    sizes = len(run.kinematic_names), len(run.dynamic_names)
+    kinematic, dynamic = len(run.kinematic_names), len(run.dynamic_names)
     rows = [
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
-        ("adaptation", "{}: {} kinematic, {} dynamic".format(run.adaptation, *sizes)),
+        ("adaptation", f"{run.adaptation}: {kinematic} kinematic, {dynamic} dynamic"),
         *((words, _size(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
         *_prediction_rows(numbers),
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
@@ -207,7 +206,7 @@ def _task(numbers: Numbers, coordinates: int) -> Task:
     if "joints" in recorded:
         return JointTask(name, *map(tuple, recorded["joints"]))
     if name == IMAGE:
-        cameras = [np.eye(4)[[0, 1, 3]]] * (-(-coordinates // 2))
+        cameras = [np.eye(4)[[0, 1, 3]]] * -(-coordinates // 2)
         return ImageTask.seen_by(TASKS["xyz"], cameras, numbers["pixel"])
     frames = recorded.get("frames")
     return TASKS[name] if frames is None else FramesTask.of(TASKS[name], frames)
@@ -229,8 +228,8 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
         parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
-        shares = percent(found["share_last"]), percent(found["share_first"])
-        parts.append("torques predicted to {}, at first {}".format(*shares))
+        before, after = percent(found["share_first"]), percent(found["share_last"])
+        parts.append(f"torques predicted to {after}, at first {before}")
     if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:

@@ -95,13 +95,11 @@ class Scenario:
         if pixel is not None and "x" in sensors.noise:  # as in a picture
             noise = {**sensors.noise, "x": pixel * sensors.deviation("x")}
             sensors = replace(sensors, noise=noise)
-        truth = given["truth"]
-        model = given["model"]
         with in_table("truth"):
-            true = true_robot(described, truth)
-        learned = model.pop("learned", None)
+            true = true_robot(described, given["truth"])
+        learned = given["model"].pop("learned", None)
         with in_table("model"):
-            unloaded = described.changed(**model)
+            unloaded = described.changed(**given["model"])
             if learned is not None:
                 learned = LearnedParameters.load(learned)
                 unloaded = learned.shaped(unloaded)
@@ -141,7 +139,7 @@ class Scenario:
             trajectory,
             sensors,
             Events(
-                _changes(described, truth, given["events"]["changes"]),
+                _changes(described, given["truth"], given["events"]["changes"]),
                 _in_time(given["events"]["announcements"], "announcements"),
             ),
             engine,
@@ -208,7 +206,7 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
     true = described.changed(**own)
     task = described.task
-    if isinstance(task, ImageTask) != bool(truth.get("camera")):
+    if isinstance(task, ImageTask) != bool(truth["camera"]):
         raise ScenarioError(
             'the task "image" needs a camera, and no other task has one.',
             where="camera",

@@ -286,7 +286,7 @@ def rows(
         InputError: a function cannot be imported, or no process can be started.
     """
     work = work_of(plan)
-    if executor is not None and not isinstance(executor, Executor):
+    if not isinstance(executor, Executor | None):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
@@ -352,7 +352,7 @@ def sweep(
     if not callable(work):
         what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):
-        what["vary"] = dict(cases)
+        what["vary"] = cases
     else:
         what["case"] = [mapping(each, "cases") for each in cases]
     plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)

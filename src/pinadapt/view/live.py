@@ -147,9 +147,9 @@ class LiveView:
         self._last: Sample | None = None
         self._traced: list[np.ndarray] = []
         t = np.linspace(0.0, duration, 600)
-        q = true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
-        self._scene = Scene(Succession.of(true, changes), controller, t, q, x_d, t[:1])
+        robots = Succession.of(true, changes)
+        self._scene = Scene(robots, controller, t, true.q0[None], x_d, t[:1])
         html = page(self._scene, title or true.name, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url
@@ -176,7 +176,7 @@ class LiveView:
         if np.isfinite([*sample.truth.q, *sample.state.a_k]).all():
             self._traced += [*self._scene.show([sample])]
             first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
-            self._scene.add_traces(f"true/{first}", np.array(self._traced[first:]))
+            self._scene.add_paths(f"true/{first}", np.array(self._traced[first:]))
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

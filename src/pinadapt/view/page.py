@@ -128,8 +128,7 @@ def animation_of(rollout: Any) -> Animation:
     scene = Scene(run.true, run.controller, t[line], q[line], x_d[line], t[frames])
     if run.samples:
         scene.show([run.samples[k] for k in frames])
-    if len(line) > 1:
-        for node in scene.add_traces("true", scene.traced):
-            scene.window.note(("reveal", node.path), reveal=node.path.lower())
+    for node in scene.add_paths("true", scene.traced):
+        scene.window.note(("reveal", node.path), reveal=node.path.lower())
     scene.poses.play(scene.root)
     return Animation(page(scene, rollout.title or true.name, rollout.duration, marks=rollout.marks))

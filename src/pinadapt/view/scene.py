@@ -233,7 +233,7 @@ class Scene:
         self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced = tips_of(true, motion)
-        path = desired_tips(true, x_d, self.traced).swapaxes(0, 1)
+        path = desired_tips(true, x_d, self.traced)
         way = path.reshape(-1, 3)
         self.viewpoint = viewpoint(np.vstack([motion[:, :, :3, 3].reshape(-1, 3), way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
@@ -250,11 +250,10 @@ class Scene:
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
-        self._points = []
-        for k, own in enumerate(path):
-            self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
-            self._points.append(self.root[_numbered("desired point", k)])
-            self._points[k].set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
+        self.add_paths("desired", path, 0.012, mark(0.4, Colour.DESIRED))
+        self._points = [self.root[_numbered("desired point", k)] for k in range(path.shape[1])]
+        for point in self._points:
+            point.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
@@ -288,9 +287,9 @@ class Scene:
         self._solid.place(motion, poses)
         self._contacts.place(motion, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        desired = desired_tips(self.true, x_d, tips).swapaxes(0, 1)
-        for node, points in zip(self._points, desired, strict=True):
-            poses.move(node, points)
+        desired = desired_tips(self.true, x_d, tips)
+        for k, node in enumerate(self._points):
+            poses.move(node, desired[:, k])
         for number, node in self._solid.loads:
             carried = self.robots.index(t)[:, None] == number
             poses.move(node, np.zeros((len(t), 3)), None, np.where(carried, 1.0, HIDDEN))
@@ -316,16 +315,16 @@ class Scene:
         values = [float(f"{np.linalg.norm(part):.4g}") for part in parts]
         return {"t": round(sample.t, 4), "values": as_json(values)}
 
-    def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
-        """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
-        return [
-            self.add_path(_numbered(name, k), path, 0.005, self._trace)
-            for k, path in enumerate(tips.swapaxes(0, 1))
-        ]
+    def add_paths(
+        self, name: str, paths: np.ndarray, radius: float = 0.005, material: Material | None = None
+    ) -> list[Node]:
+        """Draw paths (L, k, 3) [m], by default as of the true tips, and return their nodes.
 
-    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> Node:
-        """Draw a path (L, 3) [m] and return its node; fewer than two points are not drawn."""
-        node = self.root["paths"][name]
-        if len(points) > 1:
-            node.set_object(tube(points, radius * self.size), material)
-        return node
+        Fewer than two points are not drawn.
+        """
+        if len(paths) < 2:
+            return []
+        nodes = [self.root["paths"][_numbered(name, k)] for k in range(paths.shape[1])]
+        for k, node in enumerate(nodes):
+            node.set_object(tube(paths[:, k], radius * self.size), material or self._trace)
+        return nodes

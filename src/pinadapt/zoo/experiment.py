@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._output import Record
 from ..controller.controller import PERIOD
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue_entry
@@ -27,7 +26,7 @@ from ..robot.motors import overloaded
 from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
-from ..rollout.recording import FOLLOWS, extreme
+from ..rollout.recording import FOLLOWS, extreme, window
 from ..rollout.recording import TURN as SWING
 from ..rollout.rollout import Rollout
 from ..rollout.summary import BETTER
@@ -76,16 +75,6 @@ class ZooCase:
         """
         return overloaded(self.true, effort_limits(self.true.model)) is None
 
-    @property
-    def repeating(self) -> float:
-        """Duration [s] of a run without adaptation that ends like one of ``duration``.
-
-        With constant estimates the loop becomes periodic within a third of the run, so whole turns
-        are omitted.
-        """
-        least = max(0.3 * LEAST_DURATION, 2.0 * self.period)
-        return self.duration - self.period * max(0, (self.duration - least) // self.period)
-
 
 def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     """Return the case of a robot of the catalogue; it depends on name, seed and task only.
@@ -115,13 +104,12 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         friction=Friction(viscous, coulomb),
     )
     factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], robot.model.nv)
-    scales = dict(zip(robot.joint_names, factors.tolist(), strict=True))
     motion: Trajectory = found
     if robot.task.size > robot.task.positions:  # of a pose: the tool swings once per turn
         motion = PoseTrajectory(found, Swing(rng.standard_normal(3), SWING, found.period))
     return ZooCase(
         true,
-        robot.changed(inertial_scale=scales),
+        robot.changed(inertial_scale=dict(zip(robot.joint_names, factors, strict=True))),
         motion.starting_at(true.position(true.q0)),
         found.radius,
         found.period,
@@ -170,19 +158,21 @@ def zoo_numbers(
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
             case = zoo_case(robot, case_seed, POSE if task == POSE else None)
-            adapted = _run(case, law, adaptation or None, case.duration)
-            unadapted = _run(case, law, "none", case.repeating)
+            adapted = _run(case, law, adaptation or None)
+            unadapted = _run(case, law, "none")
             row |= {
                 "joints": case.true.model.nv,
                 "radius": case.radius,
-                "unadapted": _last(case, unadapted, unadapted.distance),
-                "adapted": _last(case, adapted, adapted.distance),
+                "unadapted": _last(unadapted.distance),
+                "adapted": _last(adapted.distance),
                 "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
                 "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
-                "unadapted_angle": _last(case, unadapted, unadapted.angle),
-                "adapted_angle": _last(case, adapted, adapted.angle),
+                "unadapted_angle": _last(unadapted.angle),
+                "adapted_angle": _last(adapted.angle),
             }
-            row["verdict"] = _verdict(row, adapted)
+            error, without = row["adapted"], row["unadapted"]
+            better = adapted.grade == FOLLOWS and without is not None and error <= BETTER * without
+            row["verdict"] = CONVERGED if better else adapted.verdict
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
@@ -205,15 +195,16 @@ def run_zoo(
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    cases = [{"robot": name, "task": task} for name in longest_first]
-    plan = Plan(function=zoo_numbers, case=cases)
+    plan = Plan(
+        function=zoo_numbers, case=[{"robot": name, "task": task} for name in longest_first]
+    )
     for row in rows(plan, plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
         yield row
 
 
-def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Rollout:
+def _run(case: ZooCase, law: str, adaptation: str | None) -> Rollout:
     """Run a case with default gains; its sensors are right: implausible speed is divergence."""
     controller = make_controller(
         case.estimated,
@@ -228,25 +219,13 @@ def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Ro
         case.true,
         controller,
         case.motion,
-        duration=duration,
+        duration=case.duration,
         engine=Engine(torque_limits=case.efforts_suffice),
         record_every=10,
         progress=False,
     )
 
 
-def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float | None:
-    """Return the largest error at the end of a run, or None if there is none that is finite.
-
-    The end is 10 % of the case's duration, however long the run itself was.
-    """
-    t = rollout.t
-    return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
-
-
-def _verdict(found: Record, adapted: Rollout) -> str:
-    """Return "converged", or how the run ended."""
-    error, without = found["adapted"], found["unadapted"]
-    if adapted.grade == FOLLOWS and without is not None and error <= BETTER * without:
-        return CONVERGED
-    return adapted.verdict
+def _last(errors: np.ndarray | None) -> float | None:
+    """Return the largest error of the last 10 % of a run, or None if there is none."""
+    return None if errors is None else extreme(np.max, window(errors, False))
