@@ -92,7 +92,7 @@ def legend(ax: Any, title: str = "") -> None:
     """Put a legend beside a panel, where it does not cover curves."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(
-            title=title or None,
+            title=title,
             title_fontsize="x-small",
             fontsize="x-small",
             loc="upper left",
@@ -104,7 +104,7 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
     """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
     for at, what in run.marks:
-        if len(run.t) and at <= run.t[-1]:
+        if (run.t >= at).any():
             for ax in axes:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
             axes[0].text(

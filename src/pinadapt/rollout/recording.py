@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress, groupby, pairwise
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -300,12 +301,12 @@ class Recording:
     def error(self) -> np.ndarray:
         """Task error (N, m), x relative to x_d: [m], for orientations and joints [rad]."""
         rows = [self.task.error(*both) for both in zip(self.x, self.x_d, strict=True)]
-        return np.array(rows).reshape(len(rows), self.task.size)
+        return np.array(rows).reshape(-1, self.task.size)
 
     @property
     def duration(self) -> float:
         """Time [s] from the first sample to one period after the last."""
-        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
+        return float(np.diff(self.t).sum() + np.diff(self.t[-2:]).sum())
 
     @property
     def distance(self) -> np.ndarray:
@@ -441,10 +442,9 @@ class Recording:
     @cached_property
     def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times [s] and V of at most 1000 samples, or None where undefined."""
-        chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), 1000)).astype(int))
-        run = self.evaluated()
-        V = run.storage([run.samples[k] for k in chosen])
-        return None if V is None else (self.t[chosen], V)
+        run, step = self.evaluated(), max(1, ceil(len(self.t) / 1000))
+        V = run.storage(run.samples[::step])
+        return None if V is None else (self.t[::step], V)
 
     @cached_property
     def min_eig_M_hat(self) -> np.ndarray:

@@ -266,6 +266,8 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
     """
     pixel = getattr(robot.task, "pixel", None)
     if pixel is not None and isinstance(table, Mapping):  # numbers of pictures are pixels
-        lengths = [key for key in _OF_PICTURES if key in table]
-        table = {**table, **{key: (pixel * np.array(table[key])).tolist() for key in lengths}}
+        table = {
+            key: (pixel * np.array(value)).tolist() if key in _OF_PICTURES else value
+            for key, value in table.items()
+        }
     return placed_trajectory(motion(table), robot)

@@ -369,7 +369,6 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
     """
     if anew or not (folder / COPY).is_file():
         check_writable(folder)
-        folder.mkdir(parents=True, exist_ok=True)
         for name in (TABLE, JOURNAL):
             (folder / name).unlink(missing_ok=True)
         plan.save(folder)

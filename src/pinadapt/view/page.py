@@ -122,7 +122,7 @@ def animation_of(rollout: Any) -> Animation:
     t, q, x_d, true = rollout.t, rollout.q, rollout.x_d, run.true.robots[0]
     if not len(t):  # it diverged at once
         t, q, x_d = np.zeros(1), true.q0[None], true.position(true.q0)[None]
-    line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
+    line = slice(None, None, ceil(len(t) / _MOST))
     wanted = min(ceil((t[-1] - t[0]) * RATE), _MOST - 1) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
     scene = Scene(run.true, run.controller, t[line], q[line], x_d[line], t[frames])
