@@ -78,7 +78,7 @@ def curves(
     shown = np.sort(np.argsort(-change, kind="stable")[:most])
     if len(shown) < len(names):
         notes = [*notes, f"the {most} of {len(names)} that change most"]
-    for i in shown.tolist():
+    for i in shown:
         own = {"color": GREY, "zorder": 1.5} if names[i] in grey else {}
         (line,) = ax.plot(t, values[:, i], ls="-", lw=1.0, label=literal(names[i]), **own)
         if truth is not None:

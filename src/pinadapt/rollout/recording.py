@@ -70,7 +70,7 @@ class Evaluation(NamedTuple):
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
         for sample in samples:
-            k = int(self.true.index(sample.t))
+            k = self.true.index(sample.t)
             parts = controller.parameter_storage(sample.state, true_k[k], true_d[k])
             if parts is None:
                 return None
@@ -185,14 +185,14 @@ def ringing(
     t, tau = t[finite], tau[finite]
     if len(t) < _FEWEST:
         return None
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / np.median(np.diff(t))
     length = max(_FEWEST, round(rate))
     tau = tau[-max(len(t) // 2, length) :]
     f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
     step, fast = f[1], f >= slowest
     f, found = f[fast], []
     for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
-        peak = int(np.argmax(own)) if own.size else 0
+        peak = np.argmax(own) if own.size else 0
         if peak < 2:  # no edge of the motion's own spectrum
             continue
         near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
@@ -306,7 +306,7 @@ class Recording:
     @property
     def duration(self) -> float:
         """Time [s] from the first sample to one period after the last."""
-        return float(np.diff(self.t).sum() + np.diff(self.t[-2:]).sum())
+        return np.diff(self.t).sum() + np.diff(self.t[-2:]).sum()
 
     @property
     def distance(self) -> np.ndarray:
@@ -362,7 +362,7 @@ class Recording:
                 continue
             error = self.distance[part]
             # the times at which it may be back: the mark, and each sample after one; NaN is far
-            backs = [0.0, *(self.t[part][1:] - at).round(6).tolist(), None]
+            backs = [0.0, *(self.t[part][1:] - at).round(6), None]
             back = backs[np.flatnonzero([True, *~(error < CLOSE)])[-1]]
             found.append(Transient(at, what, extreme(np.max, error), back))
         return found
@@ -389,7 +389,7 @@ class Recording:
         rows = run.true_values(getattr(run.controller, model).value)
         if rows is None:
             return None
-        return np.asarray(rows[0] if len(rows) == 1 else rows[run.true.index(self.t)])
+        return rows[0] if len(rows) == 1 else rows[run.true.index(self.t)]
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
@@ -487,7 +487,7 @@ class Recording:
             return None
         found = []
         for k in last[:: max(1, len(last) // 100)]:
-            robot = true.robots[int(true.index(self.t[k]))]
+            robot = true.robots[true.index(self.t[k])]
             tool: Any = robot.task
             found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))

@@ -52,7 +52,7 @@ class Rollout(Recording, Printed):
     @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, ringing."""
-        return str(self.numbers["verdict"])
+        return self.numbers["verdict"]
 
     @cached_property
     def numbers(self) -> summary.Numbers:

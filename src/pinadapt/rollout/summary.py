@@ -101,7 +101,7 @@ def summary(run: Recording) -> Numbers:
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
-    return dict(as_json(numbers))
+    return as_json(numbers)
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, cos, floor, log10, sin
+from math import cos, floor, log10, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -202,7 +202,7 @@ class Template:
                 },
                 "limits": {"governor": True},
                 "trajectory": self._motion(),
-                "simulation": {"duration": float(ceil(max(10.0, 2.0 * np.max(self.path.period))))},
+                "simulation": {"duration": max(10.0, np.ceil(2.0 * np.max(self.path.period)))},
                 "engine": {"plant": "mujoco"} if self.robot.contacts else None,
                 "sensors": sensors if self.filmed else None,
             }
@@ -246,8 +246,7 @@ class Template:
             }
         )
         friction = {"viscous": significant(viscous, 2), "coulomb": significant(coulomb, 2)}
-        stands = bool(robot.contacts)
-        moved = robot.task.positions and not stands
+        moved = robot.task.positions and not robot.contacts
         return {
             "tool_translation": self._by_frame(significant) if moved else None,
             "tracker": tracker if self.tracker else None,
@@ -255,7 +254,7 @@ class Template:
             if self.filmed
             else None,
             "payload": payload,
-            "friction": None if stands else friction,
+            "friction": None if robot.contacts else friction,
         }
 
     def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:

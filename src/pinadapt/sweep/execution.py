@@ -411,7 +411,7 @@ def run_plan(
 
     done = set[int]()
     if folder is not None:
-        done.update(join(folder, AGAIN if retry else ())["case"].tolist())
+        done.update(join(folder, AGAIN if retry else ())["case"])
     missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
         rows(plan, missing, executor),

@@ -113,7 +113,7 @@ def tune(
             errors = SweepReport(table, plan).values(objective)
         value = percentile(errors, share).value
         if not math.isfinite(value):
-            value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
+            value = LARGEST * (1.0 + np.mean(np.isinf(errors)))
         return Judged(chosen, value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
@@ -184,8 +184,8 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
     change = best.errors[both] - default.errors[both]
-    p = float(wilcoxon(change, alternative="less").pvalue) if change.any() else 1.0
-    lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
+    p = wilcoxon(change, alternative="less").pvalue if change.any() else 1.0
+    lost = np.isinf(best.errors).sum() - np.isinf(default.errors).sum()
     words = (
         f"on other seeds the objective is {_amount(best.objective)} with the gains found and "
         f"{_amount(default.objective)} with the defaults"

@@ -58,8 +58,7 @@ class Server(ThreadingHTTPServer):
         self.page, self.messages, self.read = page.encode(), messages, 0
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
-        self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
+        Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
 
     def wait_until_read(self) -> None:
         """Wait a while for a browser to read all messages."""
@@ -72,7 +71,6 @@ class Server(ThreadingHTTPServer):
         if self.read:
             self.wait_until_read()
         self.shutdown()
-        self._thread.join()
         self.server_close()
 
 

@@ -156,8 +156,7 @@ class DrawnRobot:
             turn = Rotation.from_matrix(motion[:, index, :3, :3])
             poses.move(self.node[f"joint {index}"], points[index], turn)
         for end, start in self._bones:
-            bone = rod(points[start], points[end], 0.025 * self.size)
-            poses.move(self.node[f"rod {end}"], *bone)
+            poses.move(self.node[f"rod {end}"], *rod(points[start], points[end], 0.025 * self.size))
         for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
@@ -310,7 +309,7 @@ class Scene:
         error = task.error(sample.truth.x, sample.desired.x_d)
         parts = [group.shown.scale * error[group.rows] for group in task.groups]
         if self._truths:
-            truth = self._truths[int(self.robots.index(sample.t))]
+            truth = self._truths[self.robots.index(sample.t)]
             parts.append(1e3 * (sample.state.a_k - truth))
         values = [float(f"{np.linalg.norm(part):.4g}") for part in parts]
         return {"t": round(sample.t, 4), "values": as_json(values)}

@@ -125,7 +125,7 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     task, direction = robot.frame_task, np.zeros(3)
     direction[task.place] = rng.standard_normal(task.positions)
     direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
-    return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
+    return robot.placement(robot.q0).rotation.T @ direction
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
