@@ -55,7 +55,7 @@ class LimitExcess:
 
     def summary(self) -> dict[str, Any]:
         """Return the largest excess, by joint and kind of limit."""
-        rows = zip(self.slides, self.excess, strict=True)
+        rows = zip(self.slides, self.excess.tolist(), strict=True)
         return {joint: dict(zip(KINDS, row, strict=True)) for joint, row in rows}
 
     def __str__(self) -> str:

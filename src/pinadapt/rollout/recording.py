@@ -306,7 +306,7 @@ class Recording:
     @property
     def duration(self) -> float:
         """Time [s] from the first sample to one period after the last."""
-        return np.diff(self.t).sum() + np.diff(self.t[-2:]).sum()
+        return float(np.diff(self.t).sum() + np.diff(self.t[-2:]).sum())
 
     @property
     def distance(self) -> np.ndarray:
@@ -362,7 +362,7 @@ class Recording:
                 continue
             error = self.distance[part]
             # the times at which it may be back: the mark, and each sample after one; NaN is far
-            backs = [0.0, *(self.t[part][1:] - at).round(6), None]
+            backs = [0.0, *(self.t[part][1:] - at).round(6).tolist(), None]
             back = backs[np.flatnonzero([True, *~(error < CLOSE)])[-1]]
             found.append(Transient(at, what, extreme(np.max, error), back))
         return found

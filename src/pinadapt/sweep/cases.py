@@ -366,9 +366,9 @@ class Plan:
         found = []
         for number, (*chosen, _) in enumerate(points):
             own = np.random.SeedSequence(self.seed, spawn_key=(0, number))
-            seed = int(own.generate_state(1, np.uint64)[0]) >> 1  # below 2**63
+            (seed,) = own.generate_state(1, np.uint64)
             values = {key: value for part in chosen for key, value in part.items()}
-            found.append(Case(number, seed, values))
+            found.append(Case(number, int(seed) >> 1, values))  # below 2**63
         return found
 
     def text(self) -> str:

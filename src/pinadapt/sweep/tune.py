@@ -113,7 +113,7 @@ def tune(
             errors = SweepReport(table, plan).values(objective)
         value = percentile(errors, share).value
         if not math.isfinite(value):
-            value = LARGEST * (1.0 + np.mean(np.isinf(errors)))
+            value = LARGEST * (1.0 + float(np.mean(np.isinf(errors))))
         return Judged(chosen, value, errors, rate(succeeded(table)))
 
     optuna = optional("optuna", "tune", "tune")
