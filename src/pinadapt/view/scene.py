@@ -144,7 +144,7 @@ class DrawnRobot:
         self.node, self.robot, self.size = node, robot, size
         self._bones: list[tuple[int, int]] = []  # their ends in a motion
         self.loads: list[tuple[int, Node]] = []
-        self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
+        self._tips = _nodes(node, "tip", robot)
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
@@ -180,9 +180,9 @@ class DrawnRobot:
             self.loads.append((number, node))
 
 
-def _numbered(name: str, k: int) -> str:
-    """Return the name of what belongs to a task frame; numbers begin with the second."""
-    return f"{name} {k + 1}" if k else name
+def _nodes(root: Node, name: str, robot: Robot) -> list[Node]:
+    """Return the nodes of what each task frame has; numbers begin with the second."""
+    return [root[f"{name} {k + 1}" if k else name] for k in range(len(robot.frames))]
 
 
 class Scene:
@@ -250,7 +250,7 @@ class Scene:
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
         self.add_paths("desired", path, 0.012, mark(0.4, Colour.DESIRED))
-        self._points = [self.root[_numbered("desired point", k)] for k in range(path.shape[1])]
+        self._points = _nodes(self.root, "desired point", true)
         for point in self._points:
             point.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         values = [kinematics.value(robot) for robot in robots.robots]
@@ -323,7 +323,7 @@ class Scene:
         """
         if len(paths) < 2:
             return []
-        nodes = [self.root["paths"][_numbered(name, k)] for k in range(paths.shape[1])]
+        nodes = _nodes(self.root["paths"], name, self.true)
         for k, node in enumerate(nodes):
             node.set_object(tube(paths[:, k], radius * self.size), material or self._trace)
         return nodes
