@@ -204,9 +204,11 @@ class Table(NamedTuple):
         drawn.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
         drawn.set_header_align(self.sides).set_cols_align(self.sides)
         drawn.set_cols_dtype([cell] * len(self.sides))
-        rows = [self.header, *self.rows] if self.header else self.rows
-        lines = drawn.add_rows(rows, header=bool(self.header)).draw().splitlines()
-        return "\n".join([*filter(None, [self.title]), *(line.rstrip() for line in lines)])
+        if self.header:
+            drawn.header(self.header)
+        lines = drawn.add_rows(self.rows, header=False).draw().splitlines()
+        title = f"{self.title}\n" if self.title else ""
+        return title + "\n".join(line.rstrip() for line in lines)
 
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
@@ -226,7 +228,7 @@ class Table(NamedTuple):
 
 def records_table(
     records: Sequence[Record],
-    texts: Mapping[str, str],
+    texts: Sequence[str],
     numbers: Mapping[str, tuple[str, float, int]],
 ) -> Table:
     """Return a table with a row for each record, its verdict last.
@@ -235,7 +237,7 @@ def records_table(
 
     Args:
         records: its rows.
-        texts: title -> key of the first columns.
+        texts: keys, and titles, of the first columns.
         numbers: title -> key, scale and digits of the columns after them.
     """
     there = {
@@ -245,9 +247,9 @@ def records_table(
     }
     rows = [
         [
-            *(record.get(key) for key in texts.values()),
-            *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
-            record.get("verdict", ""),
+            *(record.get(key) for key in texts),
+            *(number(record.get(key), scale, digits) for key, scale, digits in there.values()),
+            record["verdict"],
         ]
         for record in records
     ]
@@ -269,8 +271,8 @@ class Report(NamedTuple):
 
     def __str__(self) -> str:
         """Return the report as text."""
-        parts = [*map(str, self.tables), *filter(None, [self.note])]
-        return f"{self.title}\n{'-' * len(self.title)}\n" + "\n\n".join(parts)
+        text = "\n\n".join(filter(None, [*map(str, self.tables), self.note]))
+        return f"{self.title}\n{'-' * len(self.title)}\n{text}"
 
     def html(self) -> str:
         """Return the report as HTML, without scripts, style sheets or external resources."""
@@ -319,7 +321,7 @@ def html_page(title: str, parts: Sequence[str]) -> str:
     )
 
 
-def number(value: float | None, *, scale: float, digits: int) -> str:
+def number(value: float | None, scale: float, digits: int) -> str:
     """Return ``value * scale``, or a dash for None; "< 0.001" if it is less."""
     if value is None:
         return "-"

@@ -73,9 +73,8 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
 
     They write the same file as the command with these options.
     """
-    out = [] if options.out is None else ["--out", str(options.out)]
-    mass = [] if options.mass is None else ["--mass", f"{options.mass:g}"]
-    xacro = [part for name, value in options.xacro for part in ("--xacro", f"{name}={value}")]
+    kept = [f"--xacro={name}={value}" for name, value in options.xacro]
+    kept += [f"--{name}={value}" for name, value in given(options, ("mass", "out")).items()]
     feet = [end for end in limbs if _FOOT.search(end.lower())]
     arms = [end for end in limbs if end not in feet]
     for option, chosen, least in (
@@ -85,6 +84,4 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
     ):
         if len(chosen) >= least:
             choice = [option, ",".join(chosen)]
-            yield shlex.join(
-                ["pinadapt", "init", options.source, *xacro, *mass, *choice, *out, "--force"]
-            )
+            yield shlex.join(["pinadapt", "init", options.source, *choice, *kept, "--force"])

@@ -60,4 +60,4 @@ def zoo_table(rows: Sequence[Record]) -> str:
         "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
         "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
     }
-    return str(records_table(rows, {"robot": "robot", "joints": "joints"}, columns))
+    return str(records_table(rows, ("robot", "joints"), columns))

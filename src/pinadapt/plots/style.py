@@ -78,7 +78,7 @@ def curves(
     shown = np.sort(np.argsort(-change, kind="stable")[:most])
     if len(shown) < len(names):
         notes = [*notes, f"the {most} of {len(names)} that change most"]
-    for i in shown.tolist():
+    for i in shown:
         own = {"color": GREY, "zorder": 1.5} if names[i] in grey else {}
         (line,) = ax.plot(t, values[:, i], ls="-", lw=1.0, label=literal(names[i]), **own)
         if truth is not None:
@@ -92,7 +92,7 @@ def legend(ax: Any, title: str = "") -> None:
     """Put a legend beside a panel, where it does not cover curves."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(
-            title=title or None,
+            title=title,
             title_fontsize="x-small",
             fontsize="x-small",
             loc="upper left",
@@ -104,7 +104,7 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
     """Label the time axis, mark the events of the run, and add the title."""
     axes[-1].set_xlabel("time [s]")
     for at, what in run.marks:
-        if len(run.t) and at <= run.t[-1]:
+        if (run.t >= at).any():
             for ax in axes:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
             axes[0].text(

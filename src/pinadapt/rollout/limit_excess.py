@@ -41,12 +41,12 @@ class LimitExcess:
         """
         model = robot.model
         lower, upper = position_limits(model)
-        bounds = np.array([upper, -lower, velocity_limits(model), effort_limits(model)])
+        speed, effort = velocity_limits(model), effort_limits(model)
         with np.errstate(invalid="ignore"):  # inf - inf is no excess
-            beyond = np.array([q, -q, np.abs(v), np.abs(tau)]) - bounds[:, None]
-        largest = np.where(np.isfinite(beyond), beyond, 0.0).max(axis=1, initial=0.0)
-        excess = np.array([largest[:2].max(axis=0), *largest[2:]]).T
-        return cls(robot.slides, bool(np.isfinite(bounds).any()), excess)
+            outside = np.maximum(q - upper, lower - q)
+            beyond = np.array([outside, np.abs(v) - speed, np.abs(tau) - effort])
+        excess = np.where(np.isfinite(beyond), beyond, 0.0).max(axis=1, initial=0.0).T
+        return cls(robot.slides, bool(np.isfinite([upper, speed, effort]).any()), excess)
 
     @property
     def exceeded(self) -> bool:

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import compress, groupby, pairwise
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ class Evaluation(NamedTuple):
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
         for sample in samples:
-            k = int(self.true.index(sample.t))
+            k = self.true.index(sample.t)
             parts = controller.parameter_storage(sample.state, true_k[k], true_d[k])
             if parts is None:
                 return None
@@ -184,14 +185,14 @@ def ringing(
     t, tau = t[finite], tau[finite]
     if len(t) < _FEWEST:
         return None
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / np.median(np.diff(t))
     length = max(_FEWEST, round(rate))
     tau = tau[-max(len(t) // 2, length) :]
     f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
     step, fast = f[1], f >= slowest
     f, found = f[fast], []
     for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
-        peak = int(np.argmax(own)) if own.size else 0
+        peak = np.argmax(own) if own.size else 0
         if peak < 2:  # no edge of the motion's own spectrum
             continue
         near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
@@ -300,12 +301,12 @@ class Recording:
     def error(self) -> np.ndarray:
         """Task error (N, m), x relative to x_d: [m], for orientations and joints [rad]."""
         rows = [self.task.error(*both) for both in zip(self.x, self.x_d, strict=True)]
-        return np.array(rows).reshape(len(rows), self.task.size)
+        return np.array(rows).reshape(-1, self.task.size)
 
     @property
     def duration(self) -> float:
         """Time [s] from the first sample to one period after the last."""
-        return float(self.t[-1] - self.t[0] + np.diff(self.t[-2:]).sum()) if len(self.t) else 0.0
+        return float(np.diff(self.t).sum() + np.diff(self.t[-2:]).sum())
 
     @property
     def distance(self) -> np.ndarray:
@@ -355,8 +356,7 @@ class Recording:
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
         found = []
-        ends = [*(at for at, _ in self.marks[1:]), np.inf]
-        for (at, what), end in zip(self.marks, ends, strict=False):
+        for (at, what), (end, _) in pairwise([*self.marks, (np.inf, "")]):
             part = (self.t >= at - EARLY) & (self.t < end - EARLY)
             if not part.any():
                 continue
@@ -389,7 +389,7 @@ class Recording:
         rows = run.true_values(getattr(run.controller, model).value)
         if rows is None:
             return None
-        return np.asarray(rows[0] if len(rows) == 1 else rows[run.true.index(self.t)])
+        return rows[0] if len(rows) == 1 else rows[run.true.index(self.t)]
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
@@ -408,8 +408,7 @@ class Recording:
         torques = self.motion_torques()
         if torques is None:
             return ()
-        names = np.array(torques.excited.names)
-        return tuple(names[~torques.excited.alone].tolist())
+        return tuple(compress(torques.excited.names, ~torques.excited.alone))
 
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
@@ -443,35 +442,38 @@ class Recording:
     @cached_property
     def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times [s] and V of at most 1000 samples, or None where undefined."""
-        chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), 1000)).astype(int))
-        run = self.evaluated()
-        V = run.storage([run.samples[k] for k in chosen])
-        return None if V is None else (self.t[chosen], V)
+        run, step = self.evaluated(), max(1, ceil(len(self.t) / 1000))
+        V = run.storage(run.samples[::step])
+        return None if V is None else (self.t[::step], V)
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        run, found = self.evaluated(), []
-        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
-        for sample in run.samples:
+        controller = self.evaluated().controller
+
+        def M_hat(sample: Sample) -> np.ndarray:
             q = sample.measurement.q
-            dynamics.load(project(sample.state.dynamic, q))
-            M = dynamics.mass_matrix(q)
-            found.append(np.linalg.eigvalsh(M)[0] if np.isfinite(M).all() else np.nan)
-        return np.array(found)
+            controller.dynamics.load(controller.adaptation_d.project(sample.state.dynamic, q))
+            return controller.dynamics.mass_matrix(q)
+
+        return self._smallest(np.linalg.eigvalsh, M_hat)
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
-        run, found = self.evaluated(), []
-        kinematics = run.controller.kinematics
-        for sample in run.samples:
+        kinematics = self.evaluated().controller.kinematics
+
+        def J_hat(sample: Sample) -> np.ndarray:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            J = kinematics.J
-            found.append(np.linalg.svd(J, compute_uv=False)[-1] if np.isfinite(J).all() else np.nan)
-        return np.array(found)
+            return kinematics.J
+
+        return self._smallest(np.linalg.svdvals, J_hat)
+
+    @np.errstate(all="ignore")
+    def _smallest(self, values: Callable[[Any], Any], matrix: Callable[[Any], Any]) -> np.ndarray:
+        """Return the smallest value (N) of a matrix of each sample; NaN where it is not finite."""
+        matrices = map(matrix, self.evaluated().samples)
+        return np.array([values(M).min() if np.isfinite(M).all() else np.nan for M in matrices])
 
     @cached_property
     @np.errstate(all="ignore")
@@ -480,14 +482,12 @@ class Recording:
 
         In the last 10 %, to the nearest such point; None for tasks other than a picture.
         """
-        if not isinstance(self.task, ImageTask) or not len(self.t):
-            return None
         true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
-        if not true.known:
+        if not (isinstance(self.task, ImageTask) and true.known):
             return None
         found = []
         for k in last[:: max(1, len(last) // 100)]:
-            robot = true.robots[int(true.index(self.t[k]))]
+            robot = true.robots[true.index(self.t[k])]
             tool: Any = robot.task
             found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))

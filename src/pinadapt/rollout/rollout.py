@@ -52,7 +52,7 @@ class Rollout(Recording, Printed):
     @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, ringing."""
-        return str(self.numbers["verdict"])
+        return self.numbers["verdict"]
 
     @cached_property
     def numbers(self) -> summary.Numbers:
@@ -155,8 +155,8 @@ class Rollout(Recording, Printed):
         Raises:
             InputError: as ``learned``.
         """
-        controller = self.evaluated().controller
-        return LearnedParameters.of(controller, *self._last_estimates(all_estimates))
+        last = self._last_estimates(all_estimates)
+        return LearnedParameters.of(self.evaluated().controller, *last)
 
     def _last_estimates(self, whole: bool) -> tuple[ControllerState, AlongExcited | None]:
         """Return the last state, and what the motion of the whole run excites."""
@@ -236,8 +236,9 @@ class Rollout(Recording, Printed):
         """Return the information of the run about all bodies of an arm."""
         evaluation = self.evaluated()
         controller = evaluation.controller
-        joints = {name.rpartition(".")[0] for name in dynamics.names}
-        if joints != set(controller.kinematics.joint_names):
+        if {name.rpartition(".")[0] for name in dynamics.names} != set(
+            controller.kinematics.joint_names
+        ):
             raise ParameterError(
                 f"that run was of the joints {list(controller.kinematics.joint_names)}.",
                 where="empty",

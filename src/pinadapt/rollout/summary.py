@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, TypeAlias
@@ -15,6 +15,7 @@ from .._output import Report, Table, as_json, percent, read_as_data, short
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
+from ..information.information import rms
 from ..laws import LAWS
 from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
@@ -93,15 +94,13 @@ def summary(run: Recording) -> Numbers:
         "version": __version__,
     }
     if isinstance(run.task, JointTask):
-        numbers["recorded"] |= {
-            name: getattr(run.task, name) for name in ("labels", "continuous", "places", "dofs")
-        }
+        numbers["recorded"]["joints"] = astuple(run.task)[1:]
     if run.task.frames:
         numbers["recorded"]["frames"] = run.task.frames
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
-    return dict(as_json(numbers))
+    return as_json(numbers)
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
@@ -110,7 +109,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     return {
         f"max_{name}_first": extreme(np.max, window(norms, True)),
         f"max_{name}_last": extreme(np.max, last),
-        f"rms_{name}_last": extreme(lambda e: float(np.sqrt(np.mean(e**2))), last),
+        f"rms_{name}_last": extreme(rms, last),
     }
 
 
@@ -130,11 +129,11 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
         ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
-    sizes = len(run.kinematic_names), len(run.dynamic_names)
+    kinematic, dynamic = len(run.kinematic_names), len(run.dynamic_names)
     rows = [
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
-        ("adaptation", "{}: {} kinematic, {} dynamic".format(run.adaptation, *sizes)),
+        ("adaptation", f"{run.adaptation}: {kinematic} kinematic, {dynamic} dynamic"),
         *((words, _size(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
         *_prediction_rows(numbers),
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
@@ -202,15 +201,14 @@ def load(folder: Path) -> dict[str, Any]:
 
 def _task(numbers: Numbers, coordinates: int) -> Task:
     """Return the task of a run; of a picture with so many coordinates without the cameras."""
-    name = numbers["task"]
+    name, recorded = numbers["task"], numbers["recorded"]
+    if "joints" in recorded:
+        return JointTask(name, *map(tuple, recorded["joints"]))
     if name == IMAGE:
-        cameras = [np.eye(4)[[0, 1, 3]]] * (-(-coordinates // 2))
+        cameras = [np.eye(4)[[0, 1, 3]]] * -(-coordinates // 2)
         return ImageTask.seen_by(TASKS["xyz"], cameras, numbers["pixel"])
-    if name in TASKS:
-        frames = numbers["recorded"].get("frames")
-        return TASKS[name] if frames is None else TASKS[name].of_frames(frames)
-    parts = (numbers["recorded"][part] for part in ("labels", "continuous", "places", "dofs"))
-    return JointTask(name, *map(tuple, parts))
+    frames = recorded.get("frames")
+    return TASKS[name] if frames is None else TASKS[name].of_frames(frames)
 
 
 # Error relative to that without adaptation, above which it hardly helps; half or twice: fewer or
@@ -229,8 +227,8 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
         parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
-        shares = percent(found["share_last"]), percent(found["share_first"])
-        parts.append("torques predicted to {}, at first {}".format(*shares))
+        before, after = percent(found["share_first"]), percent(found["share_last"])
+        parts.append(f"torques predicted to {after}, at first {before}")
     if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:

@@ -54,15 +54,12 @@ def under_laws(
 
 def laws_for(scenario: Scenario) -> list[str]:
     """Return the names of the laws for the scenario's kind of task and motion."""
-    joints = isinstance(scenario.true.task, JointTask)
-    calibrated = scenario.controller.kinematics.calibrated
-    rests = scenario.trajectory.settles is not None
     return [
         name
         for name, law in LAWS.items()
-        if law.joint_space == joints
-        and (rests or not law.set_point)
-        and (calibrated or law.uses_position_error)
+        if law.joint_space == isinstance(scenario.true.task, JointTask)
+        and (scenario.trajectory.settles is not None or not law.set_point)
+        and (scenario.controller.kinematics.calibrated or law.uses_position_error)
     ]
 
 
@@ -104,7 +101,7 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         "step [us]": ("step_time_us", 1.0, 0),
     }
     records = [
-        {**each.numbers, "unadapted": each.unadapted, "verdict": each.grade} for each in rollouts
+        {**each.numbers, "run": each.title, "unadapted": each.unadapted, "verdict": each.grade}
+        for each in rollouts
     ]
-    texts = {"run": "title", "law": "law", "adaptation": "adaptation"}
-    return str(records_table(records, texts, numbers))
+    return str(records_table(records, ("run", "law", "adaptation"), numbers))

@@ -94,13 +94,11 @@ class Scenario:
         if pixel is not None and "x" in sensors.noise:  # as in a picture
             noise = {**sensors.noise, "x": pixel * sensors.deviation("x")}
             sensors = replace(sensors, noise=noise)
-        truth = given["truth"]
-        model = given["model"]
         with in_table("truth"):
-            true = true_robot(described, truth)
-        learned = model.pop("learned", None)
+            true = true_robot(described, given["truth"])
+        learned = given["model"].pop("learned", None)
         with in_table("model"):
-            unloaded = described.changed(**model)
+            unloaded = described.changed(**given["model"])
             if learned is not None:
                 learned = LearnedParameters.load(learned)
                 unloaded = learned.shaped(unloaded)
@@ -140,7 +138,7 @@ class Scenario:
             trajectory,
             sensors,
             Events(
-                _changes(described, truth, given["events"]["changes"]),
+                _changes(described, given["truth"], given["events"]["changes"]),
                 _in_time(given["events"]["announcements"], "announcements"),
             ),
             engine,
@@ -207,7 +205,7 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
     true = described.changed(**own)
     task = described.task
-    if isinstance(task, ImageTask) != bool(truth.get("camera")):
+    if isinstance(task, ImageTask) != bool(truth["camera"]):
         raise ScenarioError(
             'the task "image" needs a camera, and no other task has one.',
             where="camera",
@@ -267,6 +265,8 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
     """
     pixel = getattr(robot.task, "pixel", None)
     if pixel is not None and isinstance(table, Mapping):  # numbers of pictures are pixels
-        lengths = [key for key in _OF_PICTURES if key in table]
-        table = {**table, **{key: (pixel * np.array(table[key])).tolist() for key in lengths}}
+        table = {
+            key: (pixel * np.array(value)).tolist() if key in _OF_PICTURES else value
+            for key, value in table.items()
+        }
     return placed_trajectory(motion(table), robot)

@@ -137,8 +137,10 @@ def read(table: Any, path: str, make: Make, names: Sequence[str] = ()) -> Tables
     Raises:
         InputError: a key is not allowed, or a value is refused by its class.
     """
-    given = checked(table, path, names or arguments(make)).items()
-    return {key: _value(_hints(make).get(key), value, f"{path}.{key}") for key, value in given}
+    return {
+        key: _value(_hints(make).get(key), value, f"{path}.{key}")
+        for key, value in checked(table, path, names or arguments(make)).items()
+    }
 
 
 def _value(hint: Any, value: Any, path: str) -> Any:
@@ -183,13 +185,11 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     kind = table.get("kind", usual) if isinstance(table, Mapping) else usual
     word(kind, MOTIONS, f"{path}.kind")
     table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
-    ramp = table.pop("from_rest", None)
-    given = table.pop("as_given", False)
-    table.pop("kind", None)
+    _, as_given, ramp = (table.pop(key, None) for key in _OF_MOTIONS)
     found = made(MOTIONS[kind], table, path)
     with located(path, _OF_MOTIONS):
         found = found if ramp is None else found.from_rest(ramp)
-    return found.as_given() if given else found
+    return found.as_given() if as_given else found
 
 
 def parts(tables: Tables) -> Tables:
@@ -218,13 +218,14 @@ def parts(tables: Tables) -> Tables:
         if key in found["controller"]:
             word(found["controller"][key], allowed, f"controller.{key}")
     for table, key, make, allowed in (
-        ("truth", "camera", pinhole_camera, arguments(pinhole_camera)),
+        ("truth", "camera", pinhole_camera, ()),
         ("events", "changes", Robot.changed, ("at", *KEYS["truth"][1])),
         ("events", "announcements", Robot.changed, ("at", "payload", "tool_translation")),
     ):
-        listed = instance(found[table].get(key, []), list, f"{table}.{key}", ScenarioError)
+        place = f"{table}.{key}"
+        listed = instance(found[table].get(key, []), list, place, ScenarioError)
         found[table][key] = [
-            read(each, f"{table}.{key}.{i}", make, allowed) for i, each in enumerate(listed)
+            read(each, f"{place}.{i}", make, allowed) for i, each in enumerate(listed)
         ]
     return found
 
@@ -245,8 +246,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     Raises:
         ScenarioError: the file is missing or not TOML, or a setting cannot be written into it.
     """
-    named = not path.exists() and is_robot_name(str(path))
-    if named or path.suffix.lower() in _DESCRIPTIONS:
+    if path.suffix.lower() in _DESCRIPTIONS or (not path.exists() and is_robot_name(str(path))):
         raise ScenarioError(
             "this is a robot, not a scenario.",
             where=path,

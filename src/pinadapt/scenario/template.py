@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, cos, floor, log10, sin
+from math import cos, floor, log10, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -162,7 +162,7 @@ class Template:
         p = self.robot.placement(self.robot.q0).translation
         assert isinstance(path, Circle)
         axes = np.eye(3)[self.robot.frame_task.place]
-        first, second = (axes["xyz".index(axis)] for axis in path.plane)
+        first, second = axes[["xyz".index(axis) for axis in path.plane]]
         normal = np.cross(first, second)
         away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
         position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
@@ -189,7 +189,6 @@ class Template:
 
     def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
-        turns = 2.0 * np.max(self.path.period)
         sensors = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         return plain(
             {
@@ -203,7 +202,7 @@ class Template:
                 },
                 "limits": {"governor": True},
                 "trajectory": self._motion(),
-                "simulation": {"duration": float(ceil(max(10.0, turns)))},
+                "simulation": {"duration": max(10.0, np.ceil(2.0 * np.max(self.path.period)))},
                 "engine": {"plant": "mujoco"} if self.robot.contacts else None,
                 "sensors": sensors if self.filmed else None,
             }
@@ -247,8 +246,7 @@ class Template:
             }
         )
         friction = {"viscous": significant(viscous, 2), "coulomb": significant(coulomb, 2)}
-        stands = bool(robot.contacts)
-        moved = robot.task.positions and not stands
+        moved = robot.task.positions and not robot.contacts
         return {
             "tool_translation": self._by_frame(significant) if moved else None,
             "tracker": tracker if self.tracker else None,
@@ -256,7 +254,7 @@ class Template:
             if self.filmed
             else None,
             "payload": payload,
-            "friction": None if stands else friction,
+            "friction": None if robot.contacts else friction,
         }
 
     def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:

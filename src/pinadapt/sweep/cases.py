@@ -135,10 +135,10 @@ class Values:
             edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
             found = low + high * ndtri(np.clip(u, edge, 1.0 - edge))
         elif self.kind == "loguniform":
-            found = np.exp(np.log(low) + u * (np.log(high) - np.log(low)))
+            found = low * (high / low) ** u
         else:
             found = low + u * (high - low)
-        return found.tolist() if self.shape else float(found[0])
+        return found.reshape(self.shape).tolist()
 
     def by_joint(self, names: Sequence[str]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
@@ -154,9 +154,9 @@ class Values:
             if self.shape not in ((), (len(names),)):
                 raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
             arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
-        # these keys hold a table of joints, where others hold a list
-        by_name = key.endswith(("inertial_scale", "link_translation"))
-        return replace(self, key=key, arguments=arguments, names=names if by_name else ())
+        if not key.endswith(("inertial_scale", "link_translation")):  # a list, no table of joints
+            names = ()
+        return replace(self, key=key, arguments=arguments, names=names)
 
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
@@ -201,7 +201,7 @@ def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
 
     if method == "lhs":
         return qmc.LatinHypercube(d, seed=rng).random(count)
-    return qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
+    return qmc.Sobol(d, seed=rng).random_base2((count - 1).bit_length())[:count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +294,7 @@ class Plan:
             named = path.parent / tables["scenario"]
             tables["scenario"] = read_toml(named)
             folder = named.resolve().parent
-        elif not {"vary", "case", "function"} & set(tables):
+        elif {"vary", "case", "function"}.isdisjoint(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
         varied = dict(mapping(tables.get("vary"), "vary"))
@@ -340,10 +340,10 @@ class Plan:
     def values(self) -> list[Values]:
         """What is varied beside the listed cases; "KEY.*" has a number for each joint."""
         values = [Values.of(str(key), each) for key, each in self.vary.items()]
-        if self.scenario is None or not any(each.key.endswith(".*") for each in values):
-            return values
-        names = described_robot(self._tables(dict(*self.case[:1]))).joint_names
-        return [each.by_joint(names) for each in values]
+        if self.scenario is not None and any(each.key.endswith(".*") for each in values):
+            names = described_robot(self._tables(dict(*self.case[:1]))).joint_names
+            values = [each.by_joint(names) for each in values]
+        return values
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -365,11 +365,10 @@ class Plan:
         points: Any = product(self.case or [{}], *axes, samples, range(self.repeat))
         found = []
         for number, (*chosen, _) in enumerate(points):
-            (drawn,) = np.random.SeedSequence(self.seed, spawn_key=(0, number)).generate_state(
-                1, np.uint64
-            )
+            own = np.random.SeedSequence(self.seed, spawn_key=(0, number))
+            (seed,) = own.generate_state(1, np.uint64)
             values = {key: value for part in chosen for key, value in part.items()}
-            found.append(Case(number, int(drawn) >> 1, values))  # below 2**63
+            found.append(Case(number, int(seed) >> 1, values))  # below 2**63
         return found
 
     def text(self) -> str:

@@ -71,8 +71,8 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
     Raises:
         InputError: the values cannot be used.
     """
-    values = {"simulation.seed": case.seed, **case.values}
-    return Scenario.build(with_values(tables, values), Path(folder))
+    own = with_values(tables, {"simulation.seed": case.seed, **case.values})
+    return Scenario.build(own, Path(folder))
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:
@@ -103,7 +103,7 @@ def resolved(function: Function, path: str) -> Callable[..., Any]:
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found = getattr(import_module(module), name)
+        return getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -111,7 +111,6 @@ def resolved(function: Function, path: str) -> Callable[..., Any]:
             hint='Write "module:function"; the module is searched for from the folder of the '
             "sweep file.",
         ) from error
-    return found
 
 
 def work_of(plan: Plan) -> Work:
@@ -287,15 +286,14 @@ def rows(
         InputError: a function cannot be imported, or no process can be started.
     """
     work = work_of(plan)
-    timeout = plan.timeout
-    if executor is not None and not isinstance(executor, Executor):
+    if not isinstance(executor, Executor | None):
         executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
-                yield run_case(work, case, timeout)
+                yield run_case(work, case, plan.timeout)
             return
-        task = partial(_run, pickle.dumps(work), timeout)
+        task = partial(_run, pickle.dumps(work), plan.timeout)
         if isinstance(executor, Executor):
             yield from _as_ended(executor, task, cases)
             return
@@ -354,7 +352,7 @@ def sweep(
     if not callable(work):
         what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):
-        what["vary"] = dict(cases)
+        what["vary"] = cases
     else:
         what["case"] = [mapping(each, "cases") for each in cases]
     plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
@@ -371,7 +369,6 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
     """
     if anew or not (folder / COPY).is_file():
         check_writable(folder)
-        folder.mkdir(parents=True, exist_ok=True)
         for name in (TABLE, JOURNAL):
             (folder / name).unlink(missing_ok=True)
         plan.save(folder)
@@ -414,7 +411,7 @@ def run_plan(
 
     done = set[int]()
     if folder is not None:
-        done.update(join(folder, AGAIN if retry else ())["case"].tolist())
+        done.update(join(folder, AGAIN if retry else ())["case"])
     missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
         rows(plan, missing, executor),

@@ -55,10 +55,9 @@ def rate(which: np.ndarray) -> Rate:
     """Return the share of true entries, one at least, with Wilson's interval (Wilson 1927)."""
     from scipy.stats import binomtest
 
-    count = int(np.sum(which))
-    total = len(which)
-    found = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
-    return Rate(count, total, float(found.low), float(found.high))
+    count, total = int(np.sum(which)), len(which)
+    bounds = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
+    return Rate(count, total, *map(float, bounds))
 
 
 def succeeded(table: CaseTable, text: str = "") -> np.ndarray:
@@ -100,7 +99,7 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
 
     value = float(np.quantile(values, p, method="inverted_cdf"))
     bounds = quantile_test(values, p=p).confidence_interval()
-    return Percentile(p, value, float(bounds.low), float(bounds.high))
+    return Percentile(p, value, *map(float, bounds))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +175,7 @@ class SweepReport(Printed):
     def verdict(self) -> str:
         """Return the outcome in one line."""
         usual = SUCCESS if SUCCESS in self.table.names else DONE
-        kinds = Counter(self.table["status"][self.table.lost].tolist())
+        kinds = Counter(self.table["status"][self.table.lost])
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         return (
             f"{len(self.table)} of {len(self.plan.cases)} cases; "

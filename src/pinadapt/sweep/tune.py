@@ -62,7 +62,7 @@ class Tuned:
         ]
         header = ["gains", "in the search", "on other seeds", "success on other seeds"]
         chosen = [(key, f"{value}") for key, value in numbers["gains"].items()]
-        tables = [Table(rows, header), Table(chosen)]
+        tables = Table(rows, header), Table(chosen)
         return str(Report(numbers["objective"], tables, numbers["verdict"]))
 
 
@@ -183,12 +183,9 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
     from scipy.stats import wilcoxon
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
-    found = best.errors[both]
-    before = default.errors[both]
-    p = 1.0
-    if (found != before).any():
-        p = float(wilcoxon(found, before, alternative="less").pvalue)
-    lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
+    change = best.errors[both] - default.errors[both]
+    p = wilcoxon(change, alternative="less").pvalue if change.any() else 1.0
+    lost = np.isinf(best.errors).sum() - np.isinf(default.errors).sum()
     words = (
         f"on other seeds the objective is {_amount(best.objective)} with the gains found and "
         f"{_amount(default.objective)} with the defaults"
@@ -197,9 +194,10 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
         return f"The defaults are better: {words}, and {lost} more cases are lost.", False
     if lost < 0 and best.objective < default.objective:
         return f"The gains found are better: {words} ({-lost} cases fewer are lost).", True
-    better = best.objective < 0.9 * default.objective and p < 0.05
-    which = "The gains found are better" if better else "The defaults are as good"
-    return f"{which}: {words} (chance alone: {percent(p, 2)}).", better
+    words += f" (chance alone: {percent(p)})."
+    if best.objective < 0.9 * default.objective and p < 0.05:
+        return f"The gains found are better: {words}", True
+    return f"The defaults are as good: {words}", False
 
 
 def _amount(value: float) -> str:

@@ -228,15 +228,14 @@ class Keyframes:
         """
         turns = Rotation.identity(len(position)) if rotation is None else rotation
         sizes = np.broadcast_to(scale, position.shape)
-        first = np.eye(4)
-        first[:3, :3] = turns[0].as_matrix() * sizes[0]
-        first[:3, 3] = position[0]
-        node.set_transform(first)
-        tracks = {"position": position, "quaternion": turns.as_quat(), "scale": sizes}
-        for name, values in tracks.items():
+        node.set_transform(pin.SE3(turns[0].as_matrix() * sizes[0], position[0]).homogeneous)
+        for name, kind, values in (
+            ("position", "vector3", position),
+            ("quaternion", "quaternion", turns.as_quat()),
+            ("scale", "vector3", sizes),
+        ):
             if np.ptp(values, axis=0).max() < 1e-9:
                 continue
-            kind = "quaternion" if name == "quaternion" else "vector3"
             # one frame per second, so that frame numbers are times in seconds
             clip = self._animation.clips.setdefault(node.path, AnimationClip(fps=1))
             rounded = np.round(values * 2**14) / 2**14  # compresses well

@@ -58,8 +58,7 @@ class Server(ThreadingHTTPServer):
         self.page, self.messages, self.read = page.encode(), messages, 0
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
-        self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
+        Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
 
     def wait_until_read(self) -> None:
         """Wait a while for a browser to read all messages."""
@@ -72,7 +71,6 @@ class Server(ThreadingHTTPServer):
         if self.read:
             self.wait_until_read()
         self.shutdown()
-        self._thread.join()
         self.server_close()
 
 
@@ -147,9 +145,9 @@ class LiveView:
         self._last: Sample | None = None
         self._traced: list[np.ndarray] = []
         t = np.linspace(0.0, duration, 600)
-        q = true.q0[None]
         x_d = as_trajectory(trajectory, true.task).positions(t)
-        self._scene = Scene(Succession.of(true, changes), controller, t, q, x_d, t[:1])
+        robots = Succession.of(true, changes)
+        self._scene = Scene(robots, controller, t, true.q0[None], x_d, t[:1])
         html = page(self._scene, title or true.name, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url
@@ -176,7 +174,7 @@ class LiveView:
         if np.isfinite([*sample.truth.q, *sample.state.a_k]).all():
             self._traced += [*self._scene.show([sample])]
             first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
-            self._scene.add_traces(f"true/{first}", np.array(self._traced[first:]))
+            self._scene.add_paths(f"true/{first}", np.array(self._traced[first:]))
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

@@ -52,8 +52,7 @@ def page(
         f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
         for text, colour in scene.legend.items()
     )
-    template = Template((files(__package__) / "page.html").read_text(encoding="utf-8"))
-    return template.substitute(
+    return Template((files(__package__) / "page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
         legend="".join(rows),
         viewer=_viewer(),
@@ -70,8 +69,7 @@ def _packed(data: bytes) -> str:
 @cache
 def _viewer() -> str:
     """Return meshcat's viewer for browsers, compressed, as text."""
-    path = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
-    return _packed(path.read_bytes())
+    return _packed((files(meshcat) / "viewer" / "dist" / "main.min.js").read_bytes())
 
 
 # A rollout as a web page
@@ -124,14 +122,13 @@ def animation_of(rollout: Any) -> Animation:
     t, q, x_d, true = rollout.t, rollout.q, rollout.x_d, run.true.robots[0]
     if not len(t):  # it diverged at once
         t, q, x_d = np.zeros(1), true.q0[None], true.position(true.q0)[None]
-    line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
+    line = slice(None, None, ceil(len(t) / _MOST))
     wanted = min(ceil((t[-1] - t[0]) * RATE), _MOST - 1) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
     scene = Scene(run.true, run.controller, t[line], q[line], x_d[line], t[frames])
     if run.samples:
         scene.show([run.samples[k] for k in frames])
-    if len(line) > 1:
-        for node in scene.add_traces("true", scene.traced):
-            scene.window.note(("reveal", node.path), reveal=node.path.lower())
+    for node in scene.add_paths("true", scene.traced):
+        scene.window.note(("reveal", node.path), reveal=node.path.lower())
     scene.poses.play(scene.root)
     return Animation(page(scene, rollout.title or true.name, rollout.duration, marks=rollout.marks))

@@ -11,6 +11,7 @@ from meshcat.geometry import Cylinder, Material, Sphere
 from meshcat.transformations import translation_matrix
 from scipy.spatial.transform import Rotation
 
+from .._output import Record, as_json
 from ..controller.controller import Controller
 from ..controller.state import Sample
 from ..description.chain import frame_id
@@ -60,9 +61,9 @@ def motion_of(
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
-        pin.forwardKinematics(model, data, configuration)
-        tips = [pin.updateFramePlacement(model, data, end) for end in ends]
-        motion.append([placement.homogeneous for placement in [*data.oMi, *tips]])
+        pin.framesForwardKinematics(model, data, configuration)
+        placements = [*data.oMi, *(data.oMf[end] for end in ends)]
+        motion.append([placement.homogeneous for placement in placements])
     return np.array(motion)
 
 
@@ -114,10 +115,10 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
     towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
-    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
-    half = 0.5 * (high - low)
+    seen = points @ axes
+    half = 0.5 * np.ptp(seen, axis=0)
     box = half + 0.3 * max(half.max(), 1e-3)  # bodies extend beyond the joints' origins
-    target = axes @ (0.5 * (low + high))
+    target = axes @ (seen.min(axis=0) + half)
     return {"target": target.tolist(), "direction": axes[:, 2].tolist(), "box": box.tolist()}
 
 
@@ -141,9 +142,9 @@ class DrawnRobot:
             tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        self._parents: list[int] = []
+        self._bones: list[tuple[int, int]] = []  # their ends in a motion
         self.loads: list[tuple[int, Node]] = []
-        self._tips = [node[_numbered("tip", k)] for k in range(len(robot.frames))]
+        self._tips = _nodes(node, "tip", robot)
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
@@ -154,10 +155,8 @@ class DrawnRobot:
         for index in range(joints):
             turn = Rotation.from_matrix(motion[:, index, :3, :3])
             poses.move(self.node[f"joint {index}"], points[index], turn)
-        for end, start in enumerate(self._parents):
-            if end:
-                bone = rod(points[start], points[end], 0.025 * self.size)
-                poses.move(self.node[f"rod {end}"], *bone)
+        for end, start in self._bones:
+            poses.move(self.node[f"rod {end}"], *rod(points[start], points[end], 0.025 * self.size))
         for node, tip in zip(self._tips, points[joints:], strict=True):
             poses.move(node, tip)
 
@@ -165,12 +164,11 @@ class DrawnRobot:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
         model = self.robot.model
         tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
-        self._parents = [*model.parents, *tips]
-        for end in range(len(self._parents)):
-            if end < model.njoints:
-                self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
-            if end:
-                self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
+        _, *self._bones = enumerate([*model.parents, *tips])  # none ends at the base
+        for joint in range(model.njoints):
+            self.node[f"joint {joint}"]["ball"].set_object(Sphere(0.04 * self.size), material)
+        for end, _ in self._bones:
+            self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of the robot of this number in the succession as a ball of steel."""
@@ -182,9 +180,9 @@ class DrawnRobot:
             self.loads.append((number, node))
 
 
-def _numbered(name: str, k: int) -> str:
-    """Return the name of what belongs to a task frame; numbers begin with the second."""
-    return f"{name} {k + 1}" if k else name
+def _nodes(root: Node, name: str, robot: Robot) -> list[Node]:
+    """Return the nodes of what each task frame has; numbers begin with the second."""
+    return [root[f"{name} {k + 1}" if k else name] for k in range(len(robot.frames))]
 
 
 class Scene:
@@ -234,7 +232,7 @@ class Scene:
         self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced = tips_of(true, motion)
-        path = desired_tips(true, x_d, self.traced).swapaxes(0, 1)
+        path = desired_tips(true, x_d, self.traced)
         way = path.reshape(-1, 3)
         self.viewpoint = viewpoint(np.vstack([motion[:, :, :3, 3].reshape(-1, 3), way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
@@ -251,11 +249,10 @@ class Scene:
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
         self._contacts = DrawnContacts(self.root["contacts"], true, size)
-        self._points = []
-        for k, own in enumerate(path):
-            self.add_path(_numbered("desired", k), own, 0.012, mark(0.4, Colour.DESIRED))
-            self._points.append(self.root[_numbered("desired point", k)])
-            self._points[k].set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
+        self.add_paths("desired", path, 0.012, mark(0.4, Colour.DESIRED))
+        self._points = _nodes(self.root, "desired point", true)
+        for point in self._points:
+            point.set_object(Sphere(0.034 * size), mark(0.5, Colour.DESIRED))
         values = [kinematics.value(robot) for robot in robots.robots]
         known = kinematics.calibrated and all(value is not None for value in values)
         self._truths = values if known and kinematics.size else []
@@ -289,17 +286,14 @@ class Scene:
         self._solid.place(motion, poses)
         self._contacts.place(motion, chosen_forces(self.controller, samples), poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        desired = desired_tips(self.true, x_d, tips).swapaxes(0, 1)
-        for node, points in zip(self._points, desired, strict=True):
-            poses.move(node, points)
+        desired = desired_tips(self.true, x_d, tips)
+        for k, node in enumerate(self._points):
+            poses.move(node, desired[:, k])
         for number, node in self._solid.loads:
             carried = self.robots.index(t)[:, None] == number
             poses.move(node, np.zeros((len(t), 3)), None, np.where(carried, 1.0, HIDDEN))
         for sample in samples:
-            moment = round(sample.t, 4)
-            values = self._reading(sample)
-            read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-            self.window.note(("reading", moment), reading={"t": moment, "values": read})
+            self.window.note(("reading", sample.t), reading=self._reading(sample))
         return tips
 
     @property
@@ -308,27 +302,28 @@ class Scene:
         units = {f"{group.name} error": group.shown.unit for group in self.true.task.groups}
         return units | ({"error of tool and length estimates": "mm"} if self._truths else {})
 
-    def _reading(self, sample: Sample) -> list[float]:
-        """Return the values of the curves at a sample."""
+    def _reading(self, sample: Sample) -> Record:
+        """Return time and values of the curves at a sample, as the page takes them."""
         task = self.true.task
         assert sample.truth.x is not None  # perfect sensors see the task
         error = task.error(sample.truth.x, sample.desired.x_d)
         parts = [group.shown.scale * error[group.rows] for group in task.groups]
         if self._truths:
-            truth = self._truths[int(self.robots.index(sample.t))]
+            truth = self._truths[self.robots.index(sample.t)]
             parts.append(1e3 * (sample.state.a_k - truth))
-        return [float(np.linalg.norm(part)) for part in parts]
+        values = [float(f"{np.linalg.norm(part):.4g}") for part in parts]
+        return {"t": round(sample.t, 4), "values": as_json(values)}
 
-    def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
-        """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
-        return [
-            self.add_path(_numbered(name, k), path, 0.005, self._trace)
-            for k, path in enumerate(tips.swapaxes(0, 1))
-        ]
+    def add_paths(
+        self, name: str, paths: np.ndarray, radius: float = 0.005, material: Material | None = None
+    ) -> list[Node]:
+        """Draw paths (L, k, 3) [m], by default as of the true tips, and return their nodes.
 
-    def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> Node:
-        """Draw a path (L, 3) [m] and return its node; fewer than two points are not drawn."""
-        node = self.root["paths"][name]
-        if len(points) > 1:
-            node.set_object(tube(points, radius * self.size), material)
-        return node
+        Fewer than two points are not drawn.
+        """
+        if len(paths) < 2:
+            return []
+        nodes = _nodes(self.root["paths"], name, self.true)
+        for k, node in enumerate(nodes):
+            node.set_object(tube(paths[:, k], radius * self.size), material or self._trace)
+        return nodes

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._output import Record
 from ..controller.controller import PERIOD
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue_entry
@@ -27,7 +26,7 @@ from ..robot.motors import overloaded
 from ..robot.robot import LOAD, Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import find_circle
-from ..rollout.recording import ACCURATE, extreme
+from ..rollout.recording import FOLLOWS, extreme
 from ..rollout.recording import TURN as SWING
 from ..rollout.rollout import Rollout
 from ..rollout.summary import BETTER
@@ -115,13 +114,12 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         friction=Friction(viscous, coulomb),
     )
     factors = 1.0 + UNCERTAINTY * rng.choice([-1.0, 1.0], robot.model.nv)
-    scales = dict(zip(robot.joint_names, factors.tolist(), strict=True))
     motion: Trajectory = found
     if robot.task.size > robot.task.positions:  # of a pose: the tool swings once per turn
         motion = PoseTrajectory(found, Swing(rng.standard_normal(3), SWING, found.period))
     return ZooCase(
         true,
-        robot.changed(inertial_scale=scales),
+        robot.changed(inertial_scale=dict(zip(robot.joint_names, factors, strict=True))),
         motion.starting_at(true.position(true.q0)),
         found.radius,
         found.period,
@@ -137,7 +135,7 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     task, direction = robot.frame_task, np.zeros(3)
     direction[task.place] = rng.standard_normal(task.positions)
     direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
-    return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
+    return robot.placement(robot.q0).rotation.T @ direction
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
@@ -182,7 +180,9 @@ def zoo_numbers(
                 "unadapted_angle": _last(case, unadapted, unadapted.angle),
                 "adapted_angle": _last(case, adapted, adapted.angle),
             }
-            row["verdict"] = _verdict(case, row, adapted)
+            error, without = row["adapted"], row["unadapted"]
+            better = adapted.grade == FOLLOWS and without is not None and error <= BETTER * without
+            row["verdict"] = CONVERGED if better else adapted.verdict
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
@@ -205,8 +205,9 @@ def run_zoo(
         RobotError: a name is not in the catalogue.
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
-    cases = [{"robot": name, "task": task} for name in longest_first]
-    plan = Plan(function=zoo_numbers, case=cases)
+    plan = Plan(
+        function=zoo_numbers, case=[{"robot": name, "task": task} for name in longest_first]
+    )
     for row in rows(plan, plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
@@ -242,16 +243,3 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
     """
     t = rollout.t
     return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
-
-
-def _verdict(case: ZooCase, found: Record, adapted: Rollout) -> str:
-    """Return "converged", or how the run ended."""
-    error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
-    if adapted.diverged is not None:
-        return f"diverged at {adapted.diverged:.2f} s: {str(adapted.reason).rstrip('.')}"
-    accurate = error is not None and error <= ACCURATE * case.radius
-    if angle is not None:
-        accurate = accurate and angle <= ACCURATE * SWING
-    if accurate and without is not None and error <= BETTER * without:
-        return CONVERGED
-    return adapted.verdict
