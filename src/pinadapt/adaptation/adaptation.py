@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, vector, whole
+from .._checks import instance, joint_numbers, whole
 from ..exceptions import GainError, InputError
 
 
@@ -242,10 +242,7 @@ def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> n
     Raises:
         GainError: one of them is not positive, or no number, or they are of another size.
     """
-    array = numbers(given, where, error=GainError)
-    if array.ndim > 1 or not (array > 0.0).all():
-        raise GainError("expected a positive number, or a list of them.", where=where)
-    return array if size is None else vector(array, size, where, error=GainError)
+    return joint_numbers(given, where, size, zero=False, error=GainError)
 
 
 class Frozen(Adaptation):

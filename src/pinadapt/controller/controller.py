@@ -31,12 +31,12 @@ from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
-from .announcement import NominalRobot, announced_state
+from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
-from .learned import AlongExcited, learned_robot
+from .learned import AlongExcited
 from .limits import ControllerLimits
 from .residuals import Guards
 from .sensing import Senses
@@ -319,7 +319,11 @@ class Controller:
             ParameterError: the bodies are not physical, as adaptation "gradient" may leave them, or
                 the parameters are lumped products of lengths and inertias.
         """
-        return learned_robot(self, state, along)
+        a_d, words = (state.a_d, "") if along is None else along.estimate(self, state)
+        kinematics, made_for = self.kinematics, self.nominal
+        nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
+        learned = at_lengths(self.dynamics.robot(a_d, nominal), kinematics, state.a_k)
+        return replace(learned, loads=(), remark=words)
 
     def recorded(self, state: ControllerState) -> ControllerState:
         """Return what a record keeps of a state: enough to ``observe``, and for V, not to go on.
@@ -327,11 +331,12 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        dynamic = self.adaptation_d.recorded(state.dynamic)
-        kinematic = self.adaptation_k.recorded(state.kinematic)
-        if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
-            return state
-        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
+        return state._replace(
+            dynamic=self.adaptation_d.recorded(state.dynamic),
+            kinematic=self.adaptation_k.recorded(state.kinematic),
+            torque_filter=(),
+            start=None,
+        )
 
     def disturbance(self, state: ControllerState) -> np.ndarray | None:
         """Return the torque (n) that acts on the joints and is not in the model [N m or N].
@@ -374,10 +379,9 @@ class Controller:
         if constraints is not None:
             M = constraints.free(q, np.zeros(len(M)))[0] @ M
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
-        white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
-        counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
+        noise = sensors.deviation("v") ** 2 + (a * b + b * c + c * a) / 12.0 * counts**2
         passed = 0.5 * dt * (a * b * c) ** 2 / ((a + b) * (b + c) * (c + a))
-        return np.sqrt(passed * (white + counted))
+        return np.sqrt(passed * ((M * M) @ noise))
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float

@@ -139,11 +139,6 @@ class SlowStart(Controller):
         )
         return state._replace(start=start, path=PathTime(rate=0.0, cause=AXES))
 
-    def recorded(self, state: ControllerState) -> ControllerState:
-        """Return what a record keeps of a state; see ``Controller.recorded``."""
-        kept = super().recorded(state)
-        return kept if kept.start is None else kept._replace(start=None)
-
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
     ) -> tuple[np.ndarray, ControllerState]:

@@ -152,13 +152,13 @@ class ControllerState(NamedTuple):
 
 
 def _mapped(part: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
-    """Return estimates and nested tuples with their arrays changed, constants as they are."""
+    """Return estimates and nested tuples with arrays and floats changed, the rest as it is."""
     if isinstance(part, np.ndarray):
         return change(part)
     if isinstance(part, Estimate):
         return Estimate(change(part.value), _mapped(part.memory, change))
-    if isinstance(part, PathTime):
-        return PathTime._make([*change(np.array(part[:3])).tolist(), part.cause])
+    if isinstance(part, float):
+        return change(np.array(part)).item()
     if not isinstance(part, tuple):
         return part
     pieces = [_mapped(piece, change) for piece in part]
