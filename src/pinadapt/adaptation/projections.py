@@ -187,7 +187,7 @@ class MassMatrixProjection(Wrapper):
         from scipy.linalg import eigh  # here, because scipy is slow to import
         from scipy.linalg.lapack import dpotrf
 
-        value, M_0, root = estimate.value, self._nominal.mass_matrix(q), None
+        value, M_0 = estimate.value, self._nominal.mass_matrix(q)
         kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
@@ -198,7 +198,7 @@ class MassMatrixProjection(Wrapper):
                 return self.inner.project(estimate.with_value(kept), q)
             if not np.isfinite(M).all():
                 break
-            root = np.linalg.cholesky(self.inner.gain(estimate)) if root is None else root
+            root = np.linalg.cholesky(self.inner.gain(estimate))
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):

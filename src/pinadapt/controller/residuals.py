@@ -220,7 +220,7 @@ class Guards:
         q_before = before.q
         if dt == math.inf:  # it is compared with none, and nothing is bridged
             old, q_before, dt = new_monitor(v, -math.inf), q, 0.0
-        joints, q_used, v_used = empty(old.joints.shape), empty(q.size), empty(v.size)
+        joints, q_used, v_used = empty(old.joints.shape), q.copy(), empty(v.size)
         shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
         monitor = MonitorState(joints, shared, *counts, old.time + dt, True, old.fit)
         answer = kernels.check_joints(
