@@ -281,35 +281,38 @@ def subtract_limited_damping(
     feedforward: np.ndarray,
     D: np.ndarray,
     M: np.ndarray,
-    lag: float,
+    rate: float,
     error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write feedforward - (D^-1 + lag M^-1)^-1 error (n), as M (M + lag D)^-1 D error.
+    """Write feedforward - (D^-1 + R^-1)^-1 error (n), R = rate M.
 
-    D and M are symmetric. NaN where M + lag D is not positive definite.
+    As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
     work = np.empty((n + 1, n))
-    A, x = work[:n], work[n]
+    L, z = work[:n], work[n]  # 1 / L_ii on the diagonal of L
     for i in range(n):
-        x[i] = 0.0
+        x = 0.0
         for t in range(n):
-            A[i, t] = M[i, t] + lag * D[i, t]
-            x[i] += D[i, t] * error[t]
-    for k in range(n):
-        if not A[k, k] > 0.0:
-            A[k, k] = math.nan
-        for i in range(k + 1, n):
-            factor = A[k, i] / A[k, k]
-            x[i] -= factor * x[k]
-            for j in range(i, n):
-                A[i, j] -= factor * A[k, j]
-    for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
-            x[k] -= A[k, j] * x[j]
-        x[k] /= A[k, k]
+            x += D[i, t] * error[t]
+        z[i] = x
+        torque[i] = feedforward[i] - x
+        for j in range(i + 1):
+            x = D[i, j] + rate * M[i, j]
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
+            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):
-        torque[i] = feedforward[i]
+        for t in range(i):
+            z[i] -= L[i, t] * z[t]
+        z[i] *= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for t in range(i + 1, n):
+            z[i] -= L[t, i] * z[t]
+        z[i] *= L[i, i]
+    for i in range(n):
+        x = 0.0
         for t in range(n):
-            torque[i] -= M[i, t] * x[t]
+            x += D[i, t] * z[t]
+        torque[i] += x

@@ -226,8 +226,8 @@ class Separation(Law):
         return self._limited(self.dynamics.mass_matrix(q))
 
     def _limited(self, M: np.ndarray) -> np.ndarray:
-        """Return (K_v^-1 + lag M^-1)^-1 = M (M + lag K_v)^-1 K_v (..., n, n)."""
-        return M @ np.linalg.solve(M + self.lag * self.K_v, self.K_v)
+        """Return (K_v^-1 + lag M^-1)^-1 (..., n, n)."""
+        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
     def of_joints(self, task: JointTask) -> Separation:
         """Return the same feedback with the joints as its task."""
@@ -278,7 +278,9 @@ class Separation(Law):
         error = qd - qd_r
         if self.lag:
             M_hat, torque = model.dynamics.mass_matrix(s.q), empty(error.size)
-            kernels.subtract_limited_damping(feedforward, self.K_v, M_hat, self.lag, error, torque)
+            kernels.subtract_limited_damping(
+                feedforward, self.K_v, M_hat, 1.0 / self.lag, error, torque
+            )
         else:
             torque = feedforward - self.K_v.dot(error)
         torque -= s.filtered.disturbance
