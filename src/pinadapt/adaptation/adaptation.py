@@ -34,6 +34,7 @@ class Estimate:
         return Estimate(value, self.memory)
 
 
+@dataclass(slots=True, eq=False)
 class Drive:
     """The signal that drives an adaptation: g = Y^T e + W^T R r in da/dt = -Gamma g.
 
@@ -47,40 +48,35 @@ class Drive:
         W: (l, p) regressor of the prediction error; None: no prediction part.
         residual: (l) prediction error r, predicted minus measured.
         weight: (l, l) R; None: chosen by the adaptation, see ``Adaptation.torque_bandwidth``.
-        gradient: (p) g.
+        gradient: (p) g, computed unless given.
         observed: whether e is the error of an observer, which is valid for any torque; then
             ``without_tracking`` keeps it.
         saturated: whether a motor was at its limit; an obstacle may then hold the robot.
     """
 
-    __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "saturated", "weight")
+    Y: np.ndarray
+    e: np.ndarray | None
+    W: np.ndarray | None = None
+    residual: np.ndarray | None = None
+    weight: np.ndarray | None = None
+    gradient: Any = None
+    observed: bool = False
+    saturated: bool = False
 
-    def __init__(
-        self,
-        Y: np.ndarray,
-        e: np.ndarray | None,
-        W: np.ndarray | None = None,
-        residual: np.ndarray | None = None,
-        weight: np.ndarray | None = None,
-        gradient: np.ndarray | None = None,
-        observed: bool = False,
-    ) -> None:
-        """Combine the parts; ``gradient`` is computed unless given."""
-        self.Y, self.e, self.observed, self.saturated = Y, e, observed, False
-        self.W, self.residual, self.weight = W, residual, weight
-        if gradient is None:
-            gradient = np.zeros(Y.shape[1]) if e is None else e.dot(Y)
-            if W is not None and weight is not None and residual is not None:
-                gradient = gradient + weight.dot(residual).dot(W)
-        self.gradient = gradient
+    def __post_init__(self) -> None:
+        """Combine the parts."""
+        if self.gradient is not None:
+            return
+        e, W, R, r = self.e, self.W, self.weight, self.residual
+        self.gradient = np.zeros(self.Y.shape[1]) if e is None else e.dot(self.Y)
+        if W is not None and R is not None and r is not None:
+            self.gradient = self.gradient + R.dot(r).dot(W)
 
     def without_tracking(self) -> Drive:
         """Return the parts that are valid for any torque: prediction and observer error."""
         if self.observed:
             return self
-        left = Drive(self.Y, None, self.W, self.residual, self.weight)
-        left.saturated = True
-        return left
+        return Drive(self.Y, None, self.W, self.residual, self.weight, saturated=True)
 
     def with_prediction_error(self, W: np.ndarray, residual: np.ndarray) -> Drive:
         """Return the drive with a prediction error W (l, p), r (l), weighted by the adaptation."""

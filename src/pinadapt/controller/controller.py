@@ -602,9 +602,7 @@ class Controller:
         motors.
         """
         limits = self.limits.torque
-        torque, drives = command.torque, command.drives
-        if command.feedthrough is not None:
-            torque = command.at(s.a)
+        torque, drives = command.at(s.a), command.drives
         if s.filtered_torque is not None and s.residual is not None:
             drive = drives.dynamic
             drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
@@ -805,8 +803,6 @@ def predicted_at_rest(
 
     Orientations and coordinates of joints are as measured.
     """
-    if not kinematics.positions:
-        return sensed
     kinematics.update(a_k, sensed.q, np.zeros(kinematics.nv))
     x = np.array(sensed.x, dtype=float)
     x[: kinematics.positions] = kinematics.p_hat

@@ -158,11 +158,12 @@ class FrameFit:
         if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
             return 0.0, bound, fit
         error = error - X.dot(a_k - self.start)
-        r = error - X.dot(value[: a_k.size]) - value[a_k.size :]
+        X = np.hstack([X, np.eye(error.size)])
+        r = error - X.dot(value)
         size = math.hypot(*r)
         if (near and size < bound) or not math.isfinite(size):
             return size, bound, fit
-        X, way = np.hstack([X, np.eye(r.size)]), r / max(size, bound)
+        way = r / max(size, bound)
         S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
         S += self.deviation**2 * np.eye(r.size)
         share = max(size, bound) * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
