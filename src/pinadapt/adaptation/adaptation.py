@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -203,8 +203,12 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
-        return Estimate(estimate.value + dt * rate.value, memory)
+
+        def moved(part: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            return part + dt * rate
+
+        memory = mapped(moved, estimate.memory, rate.memory) if rate.memory else ()
+        return Estimate(moved(estimate.value, rate.value), memory)
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
@@ -225,11 +229,21 @@ class Adaptation(ABC):
         return np.column_stack(columns) if columns else np.zeros(X.shape)
 
 
-def _moved(part: Any, rate: Any, dt: float) -> Any:
-    """Return part + dt * rate, for arrays or nested tuples of arrays."""
-    if isinstance(part, tuple):
-        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
-    return part + dt * rate
+def mapped(change: Callable[..., np.ndarray], part: Any, *others: Any) -> Any:
+    """Return estimates and nested tuples with arrays and floats changed, the rest as it is.
+
+    The others are made of the same parts, which ``change`` gets beside the first one's.
+    """
+    if isinstance(part, np.ndarray):
+        return change(part, *others)
+    if isinstance(part, float):
+        return change(np.array(part), *others).item()
+    if isinstance(part, Estimate):
+        return Estimate(change(part.value), mapped(change, part.memory))
+    if not isinstance(part, tuple):
+        return part
+    pieces = [mapped(change, *each) for each in zip(part, *others, strict=True)]
+    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces)
 
 
 def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> np.ndarray:

@@ -602,7 +602,9 @@ class Controller:
         motors.
         """
         limits = self.limits.torque
-        torque, drives = command.at(s.a), command.drives
+        torque, drives = command.torque, command.drives
+        if command.feedthrough is not None:
+            torque = command.at(s.a)
         if s.filtered_torque is not None and s.residual is not None:
             drive = drives.dynamic
             drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
@@ -714,8 +716,8 @@ class Controller:
                     sample, of_model, filtered.state.y, self.limits.torque, sensed.monitor
                 )
         still = resting and not (xd_d.any() or xdd_d.any())
-        near = self.senses.guards.near
-        s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
+        still = still and np.abs(s.dx).max() < self.senses.guards.near
+        s.adapting = state.adapting and not still
         return s, sensed, elapsed
 
     def _sensed(

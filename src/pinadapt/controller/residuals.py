@@ -222,8 +222,8 @@ class Guards:
         if dt == math.inf:  # it is compared with none, and nothing is bridged
             old, q_before, dt = new_monitor(v, -math.inf), q, 0.0
         joints, q_used, v_used = empty(old.joints.shape), q.copy(), empty(v.size)
-        shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
-        monitor = MonitorState(joints, shared, *counts, old.time + dt, True, old.fit)
+        shared, bridged, since = old.shared.copy(), old.bridged.copy(), old.since.copy()
+        monitor = MonitorState(joints, shared, bridged, since, old.time + dt, True, old.fit)
         answer = kernels.check_joints(
             q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
             shared, q_used, v_used,

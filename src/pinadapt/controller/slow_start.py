@@ -173,21 +173,18 @@ class SlowStart(Controller):
             kinematic=Estimate(np.zeros(0)),
             filters=start.filters,
             adapting=state.adapting and elapsed > 0.0,
-            sensed=state.sensed._replace(first=None),
+            sensed=state.sensed._replace(first=sensed.first),
             path=None,
             start=None,
         )
         held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
         goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
         torque, after = joints.step(inner, held, goal, elapsed or dt)
-        if sensed.first is not None:
-            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-            sensed = sensed._replace(first=sensed.first._replace(sent=torque + own))
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,
             adapting=state.adapting,
-            sensed=sensed,
+            sensed=sensed._replace(first=after.sensed.first),
             path=path._replace(lag=path.lag + elapsed),
             start=start._replace(filters=after.filters),
         )

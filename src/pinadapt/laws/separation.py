@@ -252,7 +252,8 @@ class Separation(Law):
 
         N psi is the null motion of the posture.
         """
-        (u, ud), (psi, psid) = self._reference(s), self.posture.null_motion(s)
+        u, ud = self._reference(s)
+        psi, psid = self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         if self.speeds is None:
             return qd_r, qdd_r
