@@ -121,10 +121,9 @@ class MotionFilters(Filters):
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> np.ndarray:
         """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
+        x: Any = sensed.x
         kinematics.update(kinematics.initial, sensed.q, sensed.v)
-        X_k, x = kinematics.X_k, sensed.x
-        if x is None:  # as of a log without positions
-            x = kinematics.x_hat
+        X_k = kinematics.X_k
         d = x[: kinematics.positions] - kinematics.p_hat + X_k.dot(kinematics.a_k)
         return np.concatenate([X_k.ravel(), d, sensed.v])
 
@@ -240,11 +239,9 @@ class PositionObserver(Filters):
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
-        m, n = kinematics.positions, kinematics.nv
+        m, n, x = kinematics.positions, kinematics.nv, np.asarray(sensed.x)
         kinematics.update(kinematics.initial, sensed.q, sensed.v)
-        x, ahead = sensed.x, self.lead * kinematics.xd_hat
-        if x is None:  # as of a log without positions
-            x = kinematics.x_hat
+        ahead = self.lead * kinematics.xd_hat
         memory = np.append(x[:m] - ahead[:m], 0.0)
         R = turned(x[3:], -ahead[3:]) if self.orientation else np.zeros(0)
         s_f = np.zeros(0 if self.error is None else n)

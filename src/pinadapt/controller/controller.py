@@ -192,9 +192,32 @@ class Controller:
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
+        kinematics, dynamics = self.kinematics, self.dynamics
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            return self.first_state(measurement, a_k, a_d, information, information_k, adapting)
+            if a_k is None:
+                a_k = kinematics.initial_at(measurement.q, measurement.x)
+            a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
+            a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
+            dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
+            H = squared(information_k, kinematics.size, "information_k")
+            kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
+            sensed = self.senses.init(measurement, kinematics, kinematic.value)
+            if information_k is not None:
+                sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
+            q, v = measurement.q, measurement.v
+            return ControllerState(
+                t=measurement.t,
+                dynamic=dynamic,
+                kinematic=kinematic,
+                a_0=dynamic.value.copy(),
+                filters=self._filters.init(sensed, kinematics),
+                adapting=adapting,
+                load=None if self.nominal is None else self.nominal.load,
+                sensed=sensed,
+                torque_filter=() if torque_filter is None else torque_filter.init(q, v),
+                path=None if self.limits.governor is None else PathTime(),
+            )
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -217,41 +240,6 @@ class Controller:
             yield
         finally:
             self._alone.release()
-
-    def first_state(
-        self,
-        measurement: Measurement,
-        a_k: np.ndarray | None = None,
-        a_d: np.ndarray | None = None,
-        information: np.ndarray | None = None,
-        information_k: np.ndarray | None = None,
-        adapting: bool = True,
-    ) -> ControllerState:
-        """Return the state to start from, as ``init``, for a measurement that was checked."""
-        kinematics, dynamics = self.kinematics, self.dynamics
-        if a_k is None:
-            a_k = kinematics.initial_at(measurement.q, measurement.x)
-        a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
-        H = squared(information_k, kinematics.size, "information_k")
-        kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
-        sensed = self.senses.init(measurement, kinematics, kinematic.value)
-        if information_k is not None:
-            sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
-        q, v = measurement.q, measurement.v
-        return ControllerState(
-            t=measurement.t,
-            dynamic=dynamic,
-            kinematic=kinematic,
-            a_0=dynamic.value.copy(),
-            filters=self._filters.init(sensed, kinematics),
-            adapting=adapting,
-            load=None if self.nominal is None else self.nominal.load,
-            sensed=sensed,
-            torque_filter=() if torque_filter is None else torque_filter.init(q, v),
-            path=None if self.limits.governor is None else PathTime(),
-        )
 
     def desired(self, state: ControllerState, motion: Trajectory, t: float) -> Desired:
         """Return the desired motion at a time t [s], counted as the motion counts it.

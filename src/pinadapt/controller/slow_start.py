@@ -117,22 +117,24 @@ class SlowStart(Controller):
         vars(other).pop("_joints", None)
         return other
 
-    def first_state(
-        self, measurement: Measurement, a_k: Any = None, *given: Any
+    def init(
+        self, measurement: Measurement, *, a_k: np.ndarray | None = None, **given: Any
     ) -> ControllerState:
-        """Return the state to start from, as ``Controller.init``."""
-        state, joints = super().first_state(measurement, a_k, *given), self._joints
+        """Return the state to start from; see ``Controller.init``."""
+        state, joints = super().init(measurement, a_k=a_k, **given), self._joints
         if a_k is not None or joints is None:
             return state
         q, robot, p = state.sensed.q, self.kinematics.robot, self.kinematics.size
         J = pin.computeFrameJacobian(
             robot.model, robot.model.createData(), q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         )
+        with joints.reserved():
+            filters = joints.law.filters.init(state.sensed, joints.kinematics)
         start = Start(
             q=q,
             ways=np.linalg.pinv(J[:3], rcond=0.1),
             size=0.0,
-            filters=joints.law.filters.init(state.sensed, joints.kinematics),
+            filters=filters,
             taken=-math.inf,
             rows=0,
             sums=np.zeros((p + 1, p + 1)),
