@@ -265,7 +265,7 @@ class GravityProjection(Wrapper):
             GainError: bounds that are not positive.
         """
         super().__init__(inner)
-        self.bound = vector(positive_numbers(bound, "gravity"), None, "gravity")
+        self.bound = np.atleast_1d(positive_numbers(bound, "gravity"))
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

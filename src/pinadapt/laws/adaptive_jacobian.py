@@ -134,8 +134,6 @@ class AdaptiveJacobian(TaskFeedback):
         error, f = self._error(s), truth.friction.torque
         null = s.inverse.null(error)
         braking = error @ (f(s.v) - f(s.v - error))
-        if s.inverse.unique:
-            return float(braking)
         return float(null @ (self.posture.damping * null) + braking)
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
