@@ -34,7 +34,10 @@ class Filters:
         return ()
 
     def observe(self, state: Any, sensed: SensedState, kinematics: TaskKinematics) -> Any:
-        """Return the output of the filters at a sample, ``Signals.filtered``."""
+        """Return the output of the filters at a sample, ``Signals.filtered``.
+
+        Its attribute ``a``, if it has one, is the filtered joint acceleration (n) [rad/s^2, m/s^2].
+        """
         return state
 
     def step(self, state: Any, s: Signals, dt: float) -> Any:
@@ -44,10 +47,6 @@ class Filters:
     def rate(self, state: Any, s: Signals) -> Any:
         """Return the time derivative of the state."""
         return state
-
-    def acceleration(self, filtered: Any) -> np.ndarray | None:
-        """Return the filtered joint acceleration (n) [rad/s^2 or m/s^2], or None."""
-        return None
 
     def undisturbed(self, state: Any) -> Any:
         """Return the state with no disturbance of the torque, if it holds one."""
@@ -159,10 +158,6 @@ class MotionFilters(Filters):
         """Return the time derivative of the state."""
         filtered = s.filtered
         return np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a])
-
-    def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
-        """Return the filtered joint acceleration (n)."""
-        return filtered.a
 
 
 class ObserverState(NamedTuple):

@@ -689,7 +689,7 @@ class Controller:
         s.filtered = self._filters.observe(state.filters, sensed, kinematics)
         a: Any = sample.a
         if a is None:
-            a = self._filters.acceleration(s.filtered)
+            a = getattr(s.filtered, "a", None)
         s.a = a
         s.filtered_torque, s.residual = None, None
         if self._torque_filter is not None and (state.torque_filter or dt is not ...):
