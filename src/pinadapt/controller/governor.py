@@ -160,9 +160,7 @@ class Governor:
             names=("", ERROR, FRAMES, *of_joints),
             weight=weight,
             positions=-1 if isinstance(task, JointTask) else task.lengths,
-            places=None
-            if model.nq == model.nv
-            else np.array([joint.idx_q for joint in model.joints[1:]]),
+            places=None if model.nq == model.nv else np.array(model.idx_qs)[1:],
             lower=lower,
             upper=upper,
             velocity=self.speed * velocity_limits(model),

@@ -136,8 +136,8 @@ class LearnedParameters:
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics, dynamics = controller.kinematics, controller.dynamics
-        units = dict(zip(kinematics.names, kinematics.units, strict=True))
-        units |= dict(zip(dynamics.names, dynamics.units, strict=True))
+        names = *kinematics.names, *dynamics.names
+        units = dict(zip(names, (*kinematics.units, *dynamics.units), strict=True))
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),

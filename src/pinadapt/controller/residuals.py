@@ -210,7 +210,7 @@ class Guards:
         """Return guards that accept everything."""
         bounds = np.full(model.nv, math.inf, kernels.BOUNDS)
         bounds["slow"], bounds["lowest"] = 0.0, -math.inf
-        places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
+        places = np.array([*model.idx_qs, model.nq], dtype=np.int64)[1:]
         return cls(model, bounds, places, np.full(model.nv, math.inf))
 
     def check_joints(
