@@ -185,9 +185,10 @@ def check_joints(
 def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> float:
     """Return |a_d|^2 + |a_k|^2, or NaN where |torque|^2 is not finite."""
     size, effort = 0.0, 0.0
-    for estimate in (a_d, a_k):
-        for entry in estimate:
-            size += entry * entry
+    for entry in a_d:
+        size += entry * entry
+    for entry in a_k:
+        size += entry * entry
     for entry in torque:
         effort += entry * entry
     return size + 0.0 * effort
