@@ -79,13 +79,12 @@ def _entry_point(
     if vars(config)["DISABLE_JIT"]:
         return function
     arguments, result = normalize_signature(signature)
-    read = len(arguments) - fills
-    typed = result(
-        *(
-            kind.copy(readonly=True) if isinstance(kind, types.Array) and i < read else kind
-            for i, kind in enumerate(arguments)
-        )
-    )
+    first = len(arguments) - fills
+    read = [
+        kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
+        for kind in arguments[:first]
+    ]
+    typed = result(*read, *arguments[first:])
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     options = {"error_model": "numpy", "boundscheck": True, **counting}

@@ -34,7 +34,10 @@ class Filters:
         return ()
 
     def observe(self, state: Any, sensed: SensedState, kinematics: TaskKinematics) -> Any:
-        """Return the output of the filters at a sample, ``Signals.filtered``."""
+        """Return the output of the filters at a sample, ``Signals.filtered``.
+
+        Its attribute ``a``, if it has one, is the filtered joint acceleration (n) [rad/s^2, m/s^2].
+        """
         return state
 
     def step(self, state: Any, s: Signals, dt: float) -> Any:
@@ -44,10 +47,6 @@ class Filters:
     def rate(self, state: Any, s: Signals) -> Any:
         """Return the time derivative of the state."""
         return state
-
-    def acceleration(self, filtered: Any) -> np.ndarray | None:
-        """Return the filtered joint acceleration (n) [rad/s^2 or m/s^2], or None."""
-        return None
 
     def undisturbed(self, state: Any) -> Any:
         """Return the state with no disturbance of the torque, if it holds one."""
@@ -121,12 +120,10 @@ class MotionFilters(Filters):
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> np.ndarray:
         """Return the filters at rest, in the middle of what they pass: W_k and y are zero."""
-        m, p = kinematics.positions, kinematics.size
-        X_k, d = np.zeros((m, p)), np.zeros(m)
-        if m and sensed.x is not None:
-            kinematics.update(kinematics.initial, sensed.q, sensed.v)
-            X_k = kinematics.X_k
-            d = sensed.x[:m] - kinematics.p_hat + X_k.dot(kinematics.a_k)
+        x: Any = sensed.x
+        kinematics.update(kinematics.initial, sensed.q, sensed.v)
+        X_k = kinematics.X_k
+        d = x[: kinematics.positions] - kinematics.p_hat + X_k.dot(kinematics.a_k)
         return np.concatenate([X_k.ravel(), d, sensed.v])
 
     def observe(
@@ -139,7 +136,7 @@ class MotionFilters(Filters):
         """
         if state.__class__ is np.ndarray and state.ndim == 1:
             X_k, p_hat = kinematics.X_k, kinematics.p_hat
-            x = p_hat if sensed.x is None else sensed.x
+            x: Any = sensed.x
             W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
             if kernels.filtered_rates(
                 state, X_k, p_hat, kinematics.a_k, x, self.task_velocity,
@@ -161,10 +158,6 @@ class MotionFilters(Filters):
         """Return the time derivative of the state."""
         filtered = s.filtered
         return np.concatenate([filtered.W_k.ravel(), filtered.y, filtered.a])
-
-    def acceleration(self, filtered: FilteredMotion) -> np.ndarray:
-        """Return the filtered joint acceleration (n)."""
-        return filtered.a
 
 
 class ObserverState(NamedTuple):
@@ -241,15 +234,13 @@ class PositionObserver(Filters):
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
-        m, n, x = kinematics.positions, kinematics.nv, sensed.x
-        memory, R = np.zeros(m + 1), np.array([0.0, 0.0, 0.0, 1.0])
-        if m and x is not None:
-            kinematics.update(kinematics.initial, sensed.q, sensed.v)
-            ahead = self.lead * kinematics.xd_hat
-            memory[:-1] = x[:m] - ahead[:m]
-            R = turned(x[3:], -ahead[3:]) if self.orientation else R
+        m, n, x = kinematics.positions, kinematics.nv, np.asarray(sensed.x)
+        kinematics.update(kinematics.initial, sensed.q, sensed.v)
+        ahead = self.lead * kinematics.xd_hat
+        memory = np.append(x[:m] - ahead[:m], 0.0)
+        R = turned(x[3:], -ahead[3:]) if self.orientation else np.zeros(0)
         s_f = np.zeros(0 if self.error is None else n)
-        return ObserverState(memory, s_f, np.zeros(n), R if self.orientation else R[:0])
+        return ObserverState(memory, s_f, np.zeros(n), R)
 
     def observe(
         self, state: ObserverState, sensed: SensedState, kinematics: TaskKinematics
@@ -259,7 +250,8 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m, n, x = kinematics.positions, kinematics.nv, sensed.x
+        m, n = kinematics.positions, kinematics.nv
+        x: Any = sensed.x
         if (
             state.__class__ is not ObserverState
             or state.memory.size != m + 1
@@ -268,13 +260,11 @@ class PositionObserver(Filters):
         ):
             raise InputError("the filters are those of another controller.", where="state")
         memory, s_f, disturbance, R = state
-        if not m or x is None:
-            return ObservedPosition(np.zeros(0), s_f, disturbance, 0.0 * R[:3])
         dx_o, eta = empty(m), R
         kernels.observed(memory, self.lead, kinematics.xd_hat, x, dx_o)
         if R.size:
             R_o = turned(R, (memory[-1] + self.lead) * kinematics.xd_hat[3:])
-            eta = np.array([*rotation_between(R_o, x[3:])])
+            eta = np.array(rotation_between(R_o, x[3:]))
         return ObservedPosition(dx_o, s_f, disturbance, eta)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:

@@ -61,7 +61,7 @@ def fit(
         g.copy(),
     )
     if rate > 0.0:
-        solve(total, P_W)
+        solve(information.copy(), P_W)
         for i in range(m):
             S[i, i] = floor[i % len(floor)]
             for j in range(m):
@@ -75,9 +75,6 @@ def fit(
                 x += (R[i, j] - R_0[i, j]) * r[j]
             for k in range(p):
                 gradient[k] += W[i, k] * x
-    for k in range(p):
-        for t in range(p):
-            total[k, t] = information[k, t]
     for i in range(m):
         for k in range(p):
             x = 0.0

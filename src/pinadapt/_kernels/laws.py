@@ -197,13 +197,10 @@ def commanded_acceleration(
     """Write u - J psi (m), which psi misses, and v = psi + J^T G (u - J psi) (n), G as in J^+.
 
     psi = -2 w qd - w^2 offset, and u = xdd_d - K_v (xd - xd_d) - K_P dx - (dJ/dt(a_k) qd +
-    Y_k da_k/dt) (m); offset is the ``posture_offset`` of q, not read for w = 0.
+    Y_k da_k/dt) (m); offset is the ``posture_offset`` of q.
     """
     m, n = J.shape
     for t in range(n):
-        v[t] = 0.0
-        if w == 0.0:
-            continue
         d = q[t] - posture[0, t]
         e = max(d - posture[2, t], 0.0) + min(d - posture[1, t], 0.0)
         v[t] = -2.0 * w * qd[t] - w * w * (d + 2.0 * e * abs(e) / posture[3, t])

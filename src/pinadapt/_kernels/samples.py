@@ -89,16 +89,14 @@ def check_joints(
         after: (15, n) the same with this sample.
         shared: (2) least change of any v [rad/s or m/s], and the way of all joints [rad and m]; the
             sample is added.
-        q_used: (nq) of the sample, as far as it is used.
-        v_used: (n) the same.
+        q_used: (nq) q, which is replaced as far as it is not used.
+        v_used: (n) of the sample, as far as it is used.
     """
-    for k in range(len(q)):
-        q_used[k] = q[k]
     for i in range(len(v)):
         change = abs(v[i] - before[RAW_V, i])
         if change > 0.0 and not 0.0 < shared[0] < change:
             shared[0] = change
-    leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
+    leak, resting, wrong = math.exp(-dt / MEMORY), True, False
     for i in range(len(v)):
         old, new, most, k, speed = before[:, i], after[:, i], bounds[i], places[i], v[i]
         rate, way, circle, plain = old[RATE], q[k] - q_before[k], True, places[i + 1] == k + 1
@@ -165,7 +163,8 @@ def check_joints(
             if not plain:
                 q_used[k] = math.cos(way) * q_before[k] - math.sin(way) * q_before[k + 1]
                 q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
-        v_used[i], turned = used, turned + abs(way)
+        v_used[i] = used
+        shared[1] += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
         new[RATE], new[RAW_Q], new[RAW_V] = used, q[k], speed
         new[RESIDUAL] = R_before + (0.0 if no_q or no_v else r)
@@ -179,7 +178,6 @@ def check_joints(
         new[STILL_Q], new[STILL_V], new[DISTRUST] = still_q, still_v, distrust
         new[UNSEEN] = old[UNSEEN] + dt if no_q and no_v else 0.0
         new[DISPLACED] = old[DISPLACED] + way if decay > 0.0 else 0.0
-    shared[1] += turned
     return 2 if wrong else 1 if resting else 0
 
 

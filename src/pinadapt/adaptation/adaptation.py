@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, vector, whole
+from .._checks import instance, joint_numbers, whole
 from ..exceptions import GainError, InputError
 
 
@@ -34,6 +34,7 @@ class Estimate:
         return Estimate(value, self.memory)
 
 
+@dataclass(slots=True, eq=False)
 class Drive:
     """The signal that drives an adaptation: g = Y^T e + W^T R r in da/dt = -Gamma g.
 
@@ -47,40 +48,35 @@ class Drive:
         W: (l, p) regressor of the prediction error; None: no prediction part.
         residual: (l) prediction error r, predicted minus measured.
         weight: (l, l) R; None: chosen by the adaptation, see ``Adaptation.torque_bandwidth``.
-        gradient: (p) g.
+        gradient: (p) g, computed unless given.
         observed: whether e is the error of an observer, which is valid for any torque; then
             ``without_tracking`` keeps it.
         saturated: whether a motor was at its limit; an obstacle may then hold the robot.
     """
 
-    __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "saturated", "weight")
+    Y: np.ndarray
+    e: np.ndarray | None
+    W: np.ndarray | None = None
+    residual: np.ndarray | None = None
+    weight: np.ndarray | None = None
+    gradient: Any = None
+    observed: bool = False
+    saturated: bool = False
 
-    def __init__(
-        self,
-        Y: np.ndarray,
-        e: np.ndarray | None,
-        W: np.ndarray | None = None,
-        residual: np.ndarray | None = None,
-        weight: np.ndarray | None = None,
-        gradient: np.ndarray | None = None,
-        observed: bool = False,
-    ) -> None:
-        """Combine the parts; ``gradient`` is computed unless given."""
-        self.Y, self.e, self.observed, self.saturated = Y, e, observed, False
-        self.W, self.residual, self.weight = W, residual, weight
-        if gradient is None:
-            gradient = np.zeros(Y.shape[1]) if e is None else e.dot(Y)
-            if W is not None and weight is not None and residual is not None:
-                gradient = gradient + weight.dot(residual).dot(W)
-        self.gradient = gradient
+    def __post_init__(self) -> None:
+        """Combine the parts."""
+        if self.gradient is not None:
+            return
+        e, W, R, r = self.e, self.W, self.weight, self.residual
+        self.gradient = np.zeros(self.Y.shape[1]) if e is None else e.dot(self.Y)
+        if W is not None and R is not None and r is not None:
+            self.gradient = self.gradient + R.dot(r).dot(W)
 
     def without_tracking(self) -> Drive:
         """Return the parts that are valid for any torque: prediction and observer error."""
         if self.observed:
             return self
-        left = Drive(self.Y, None, self.W, self.residual, self.weight)
-        left.saturated = True
-        return left
+        return Drive(self.Y, None, self.W, self.residual, self.weight, saturated=True)
 
     def with_prediction_error(self, W: np.ndarray, residual: np.ndarray) -> Drive:
         """Return the drive with a prediction error W (l, p), r (l), weighted by the adaptation."""
@@ -207,8 +203,12 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
-        return Estimate(estimate.value + dt * rate.value, memory)
+
+        def moved(part: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            return part + dt * rate
+
+        memory = mapped(moved, estimate.memory, rate.memory) if rate.memory else ()
+        return Estimate(moved(estimate.value, rate.value), memory)
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
@@ -229,11 +229,21 @@ class Adaptation(ABC):
         return np.column_stack(columns) if columns else np.zeros(X.shape)
 
 
-def _moved(part: Any, rate: Any, dt: float) -> Any:
-    """Return part + dt * rate, for arrays or nested tuples of arrays."""
-    if isinstance(part, tuple):
-        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
-    return part + dt * rate
+def mapped(change: Callable[..., np.ndarray], part: Any, *others: Any) -> Any:
+    """Return estimates and nested tuples with arrays and floats changed, the rest as it is.
+
+    The others are made of the same parts, which ``change`` gets beside the first one's.
+    """
+    if isinstance(part, np.ndarray):
+        return change(part, *others)
+    if isinstance(part, float):
+        return change(np.array(part), *others).item()
+    if isinstance(part, Estimate):
+        return Estimate(change(part.value), mapped(change, part.memory))
+    if not isinstance(part, tuple):
+        return part
+    pieces = [mapped(change, *each) for each in zip(part, *others, strict=True)]
+    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces)
 
 
 def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> np.ndarray:
@@ -242,10 +252,7 @@ def positive_numbers(given: ArrayLike, where: str, size: int | None = None) -> n
     Raises:
         GainError: one of them is not positive, or no number, or they are of another size.
     """
-    array = numbers(given, where, error=GainError)
-    if array.ndim > 1 or not (array > 0.0).all():
-        raise GainError("expected a positive number, or a list of them.", where=where)
-    return array if size is None else vector(array, size, where, error=GainError)
+    return joint_numbers(given, where, size, zero=False, error=GainError)
 
 
 class Frozen(Adaptation):

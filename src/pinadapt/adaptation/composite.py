@@ -215,21 +215,29 @@ class CompositeMemory(Wrapper):
         inner = self.inner.recorded(self._inner(estimate))
         return Estimate(inner.value, (*[np.zeros(0)] * self._parts, *inner.memory))
 
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
+        """Return the drive of the inner adaptation, with the memory's gradient."""
+        return self._total(drive, self._memory_gradient(estimate, drive)[0])
+
+    def _total(self, drive: Drive, gradient: np.ndarray) -> Drive:
+        """Return the drive of the inner adaptation, with the memory's gradient H da (p)."""
+        total = drive.gradient + self.speed / self.share * gradient
+        return Drive(drive.Y, drive.e, gradient=total)
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        gradient, fading = self._memory_gradient(estimate, drive)
-        rate = self.inner.rate(self._inner(estimate), self._total(drive, gradient))
-        rates = [0.0 * part for part in estimate.memory[: self._parts]]
-        if gradient is not None:
-            rates[0] = self._information_rate(estimate, drive) - fading * estimate.memory[0]
-        return Estimate(rate.value, (*rates, *rate.memory))
+        rate = super().rate(estimate, drive)
+        if drive.W is None or drive.saturated:
+            return rate
+        _, fading = self._memory_gradient(estimate, drive)
+        learned = self._information_rate(estimate, drive) - fading * estimate.memory[0]
+        return Estimate(rate.value, (learned, *rate.memory[1:]))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        sums, gradient, due, prior = estimate.memory[: self._parts]
         if drive.W is None or drive.saturated:
-            after = self.inner.step(self._inner(estimate), self._total(drive, None), dt)
-            return self._outer(estimate.memory[: self._parts], after)
+            return super().step(estimate, drive, dt)
+        sums, gradient, due, prior = estimate.memory[: self._parts]
         if due[0] < 0.5 * dt:
             span = max(self.interval, dt)
             due = np.array([span])
@@ -237,17 +245,6 @@ class CompositeMemory(Wrapper):
             sums = span * self._information_rate(estimate, drive) + math.exp(-fading * span) * sums
         after = self.inner.step(self._inner(estimate), self._total(drive, gradient), dt)
         return self._outer((sums, gradient, due - dt, prior), after)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        total = self._total(drive, self._memory_gradient(estimate, drive)[0])
-        own = -float((estimate.value - truth).dot(total.gradient - drive.gradient))
-        return own + self.inner.dissipation(self._inner(estimate), total, truth)
-
-    def _total(self, drive: Drive, gradient: np.ndarray | None) -> Drive:
-        """Return the drive of the inner adaptation, with the memory's gradient H da (p)."""
-        remembered = 0.0 if gradient is None else self.speed / self.share * gradient
-        return Drive(drive.Y, drive.e, gradient=drive.gradient + remembered)
 
     def _information_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the sums (p + 1, p + 1) of a prediction error and of the prior, per second."""
@@ -257,14 +254,14 @@ class CompositeMemory(Wrapper):
         R = self._bandwidth / self._variance * np.eye(len(W))
         return sums_of(W, y, R) + estimate.memory[3]
 
-    def _memory_gradient(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
-        """Return H da (p) and mu [1/s]; None and zero without a prediction error.
+    def _memory_gradient(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray, float]:
+        """Return H da (p) and mu [1/s]; zeros without a prediction error.
 
         One factorisation of I + A P serves H da and S.
         """
         W = drive.W
         if W is None or drive.saturated:
-            return None, 0.0
+            return np.zeros(estimate.value.size), 0.0
         from scipy.linalg.lapack import dgesv  # slow to import
 
         sums, inner, n = estimate.memory[0], self._inner(estimate), len(W)

@@ -104,8 +104,7 @@ class ErrorLeak(Leak):
 
     def leak_rate(self, drive: Drive) -> float:
         """Return lambda |e| [1/s] under a drive; zero for a drive without tracking error."""
-        e: np.ndarray | None = drive.e
-        return 0.0 if e is None else self.bandwidth * _scaled_error(e, self.size)
+        return 0.0 if drive.e is None else self.bandwidth * _scaled_error(drive.e, self.size)
 
 
 class DeadZone(Wrapper):

@@ -19,7 +19,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_PARAMETERS, instance, name_list, numbers, positive, vector, whole
+from .._checks import MOST_PARAMETERS, instance, name_list, numbers, positive, whole
 from .._kernels import estimates as kernels
 from ..exceptions import ParameterError
 from ..models.basis import read_matrix
@@ -310,7 +310,7 @@ class ExponentiatedGradient(Adaptation):
             GainError: one of them is not positive.
         """
         self.gamma = positive(gamma, "gamma_joint")
-        self.scale = vector(positive_numbers(scale, "gamma_joint: scale"), None, "gamma_joint")
+        self.scale = np.atleast_1d(positive_numbers(scale, "gamma_joint: scale"))
         self._rates = self.gamma * self.scale
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:

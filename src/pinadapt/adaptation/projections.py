@@ -187,7 +187,7 @@ class MassMatrixProjection(Wrapper):
         from scipy.linalg import eigh  # here, because scipy is slow to import
         from scipy.linalg.lapack import dpotrf
 
-        value, M_0, root = estimate.value, self._nominal.mass_matrix(q), None
+        value, M_0 = estimate.value, self._nominal.mass_matrix(q)
         kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
@@ -198,7 +198,7 @@ class MassMatrixProjection(Wrapper):
                 return self.inner.project(estimate.with_value(kept), q)
             if not np.isfinite(M).all():
                 break
-            root = np.linalg.cholesky(self.inner.gain(estimate)) if root is None else root
+            root = np.linalg.cholesky(self.inner.gain(estimate))
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):
@@ -265,7 +265,7 @@ class GravityProjection(Wrapper):
             GainError: bounds that are not positive.
         """
         super().__init__(inner)
-        self.bound = vector(positive_numbers(bound, "gravity"), None, "gravity")
+        self.bound = np.atleast_1d(positive_numbers(bound, "gravity"))
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

@@ -31,12 +31,12 @@ from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
-from .announcement import NominalRobot, announced_state
+from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, squared
-from .learned import AlongExcited, learned_robot
+from .learned import AlongExcited
 from .limits import ControllerLimits
 from .residuals import Guards
 from .sensing import Senses
@@ -192,9 +192,32 @@ class Controller:
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
+        kinematics, dynamics = self.kinematics, self.dynamics
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            return self.first_state(measurement, a_k, a_d, information, information_k, adapting)
+            if a_k is None:
+                a_k = kinematics.initial_at(measurement.q, measurement.x)
+            a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
+            a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
+            dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
+            H = squared(information_k, kinematics.size, "information_k")
+            kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
+            sensed = self.senses.init(measurement, kinematics, kinematic.value)
+            if information_k is not None:
+                sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
+            q, v = measurement.q, measurement.v
+            return ControllerState(
+                t=measurement.t,
+                dynamic=dynamic,
+                kinematic=kinematic,
+                a_0=dynamic.value.copy(),
+                filters=self._filters.init(sensed, kinematics),
+                adapting=adapting,
+                load=None if self.nominal is None else self.nominal.load,
+                sensed=sensed,
+                torque_filter=() if torque_filter is None else torque_filter.init(q, v),
+                path=None if self.limits.governor is None else PathTime(),
+            )
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -217,41 +240,6 @@ class Controller:
             yield
         finally:
             self._alone.release()
-
-    def first_state(
-        self,
-        measurement: Measurement,
-        a_k: np.ndarray | None = None,
-        a_d: np.ndarray | None = None,
-        information: np.ndarray | None = None,
-        information_k: np.ndarray | None = None,
-        adapting: bool = True,
-    ) -> ControllerState:
-        """Return the state to start from, as ``init``, for a measurement that was checked."""
-        kinematics, dynamics = self.kinematics, self.dynamics
-        if a_k is None:
-            a_k = kinematics.initial_at(measurement.q, measurement.x)
-        a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
-        H = squared(information_k, kinematics.size, "information_k")
-        kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
-        sensed = self.senses.init(measurement, kinematics, kinematic.value)
-        if information_k is not None:
-            sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
-        q, v = measurement.q, measurement.v
-        return ControllerState(
-            t=measurement.t,
-            dynamic=dynamic,
-            kinematic=kinematic,
-            a_0=dynamic.value.copy(),
-            filters=self._filters.init(sensed, kinematics),
-            adapting=adapting,
-            load=None if self.nominal is None else self.nominal.load,
-            sensed=sensed,
-            torque_filter=() if torque_filter is None else torque_filter.init(q, v),
-            path=None if self.limits.governor is None else PathTime(),
-        )
 
     def desired(self, state: ControllerState, motion: Trajectory, t: float) -> Desired:
         """Return the desired motion at a time t [s], counted as the motion counts it.
@@ -319,7 +307,11 @@ class Controller:
             ParameterError: the bodies are not physical, as adaptation "gradient" may leave them, or
                 the parameters are lumped products of lengths and inertias.
         """
-        return learned_robot(self, state, along)
+        a_d, words = (state.a_d, "") if along is None else along.estimate(self, state)
+        kinematics, made_for = self.kinematics, self.nominal
+        nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
+        learned = at_lengths(self.dynamics.robot(a_d, nominal), kinematics, state.a_k)
+        return replace(learned, loads=(), remark=words)
 
     def recorded(self, state: ControllerState) -> ControllerState:
         """Return what a record keeps of a state: enough to ``observe``, and for V, not to go on.
@@ -327,11 +319,12 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        dynamic = self.adaptation_d.recorded(state.dynamic)
-        kinematic = self.adaptation_k.recorded(state.kinematic)
-        if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
-            return state
-        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
+        return state._replace(
+            dynamic=self.adaptation_d.recorded(state.dynamic),
+            kinematic=self.adaptation_k.recorded(state.kinematic),
+            torque_filter=(),
+            start=None,
+        )
 
     def disturbance(self, state: ControllerState) -> np.ndarray | None:
         """Return the torque (n) that acts on the joints and is not in the model [N m or N].
@@ -374,10 +367,9 @@ class Controller:
         if constraints is not None:
             M = constraints.free(q, np.zeros(len(M)))[0] @ M
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
-        white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
-        counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
+        noise = sensors.deviation("v") ** 2 + (a * b + b * c + c * a) / 12.0 * counts**2
         passed = 0.5 * dt * (a * b * c) ** 2 / ((a + b) * (b + c) * (c + a))
-        return np.sqrt(passed * (white + counted))
+        return np.sqrt(passed * ((M * M) @ noise))
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
@@ -697,7 +689,7 @@ class Controller:
         s.filtered = self._filters.observe(state.filters, sensed, kinematics)
         a: Any = sample.a
         if a is None:
-            a = self._filters.acceleration(s.filtered)
+            a = getattr(s.filtered, "a", None)
         s.a = a
         s.filtered_torque, s.residual = None, None
         if self._torque_filter is not None and (state.torque_filter or dt is not ...):
@@ -712,8 +704,8 @@ class Controller:
                     sample, of_model, filtered.state.y, self.limits.torque, sensed.monitor
                 )
         still = resting and not (xd_d.any() or xdd_d.any())
-        near = self.senses.guards.near
-        s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
+        still = still and np.abs(s.dx).max() < self.senses.guards.near
+        s.adapting = state.adapting and not still
         return s, sensed, elapsed
 
     def _sensed(
@@ -801,8 +793,6 @@ def predicted_at_rest(
 
     Orientations and coordinates of joints are as measured.
     """
-    if not kinematics.positions:
-        return sensed
     kinematics.update(a_k, sensed.q, np.zeros(kinematics.nv))
     x = np.array(sensed.x, dtype=float)
     x[: kinematics.positions] = kinematics.p_hat

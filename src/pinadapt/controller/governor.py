@@ -160,9 +160,7 @@ class Governor:
             names=("", ERROR, FRAMES, *of_joints),
             weight=weight,
             positions=-1 if isinstance(task, JointTask) else task.lengths,
-            places=None
-            if model.nq == model.nv
-            else np.array([joint.idx_q for joint in model.joints[1:]]),
+            places=None if model.nq == model.nv else np.array(model.idx_qs)[1:],
             lower=lower,
             upper=upper,
             velocity=self.speed * velocity_limits(model),
@@ -265,14 +263,11 @@ class PathGovernor:
         w_y = w if target <= y else self.settings.recovery
         # y = target + ahead e_y; rate = target + ahead passed + (rate - target) e
         ahead, e, e_y = y - target, math.exp(-w * dt), math.exp(-w_y * dt)
-        if w_y == w:
-            passed, area = w * dt * e, (1.0 - e * (1.0 + w * dt)) / w
-        else:
-            share = w / (w - w_y)
-            passed, area = share * (e_y - e), share * ((1.0 - e_y) / w_y - (1.0 - e) / w)
+        passed = w * dt * e if w_y == w else w / (w - w_y) * (e_y - e)
         after = target + ahead * passed + (rate - target) * e
         y_after = target + ahead * e_y
-        moved = target * dt + ahead * area + (rate - target) * (1.0 - e) / w
+        # d(rate)/dt = w (y - rate): the integral of the rate is that of y less the change over w
+        moved = target * dt + ahead * (1.0 - e_y) / w_y - (after - rate) / w
         if target == 1.0 and 1.0 - min(after, y_after) < _DONE:
             return PathTime(lag + dt - moved)
         return PathTime(lag + dt - moved, after, w * (y_after - after), cause or before)

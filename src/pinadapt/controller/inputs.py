@@ -185,9 +185,9 @@ class InputCheck:
                 raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
             if flaw := self._task.flaw(desired.x_d):
                 raise InputError(f"{flaw}.", where="desired.x_d")
-        self.torque(measurement.tau)
-        for name, value in zip(measurement._fields, measurement, strict=True):
-            if name != "tau" and value is not None and not np.isfinite(value).all():
+        measurement = measurement._replace(tau=self.torque(measurement.tau))
+        for name, value in measurement._asdict().items():
+            if value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)

@@ -23,7 +23,7 @@ from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
-from .announcement import ControllerParts, at_lengths
+from .announcement import ControllerParts
 from .state import ControllerState
 
 _FORMAT = "pinadapt learned parameters"
@@ -72,7 +72,7 @@ class AlongExcited:
                 "All estimates are kept as learned: no parameters near the initial ones reproduce "
                 "the torques."
             )
-            warnings.warn(words, stacklevel=4)
+            warnings.warn(words, stacklevel=3)
             return a, words
         still = list(compress(self.excited.names, self.excited.still))
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
@@ -82,21 +82,6 @@ class AlongExcited:
             f"values as possible; the torques differ from those of the last estimate by {moved}."
         )
         return found, words
-
-
-def learned_robot(
-    controller: ControllerParts, state: ControllerState, along: AlongExcited | None = None
-) -> Robot:
-    """Return the robot with the estimates of a state; see ``Controller.learned``.
-
-    Raises:
-        ParameterError: no physical bodies have these parameters.
-    """
-    a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
-    kinematics, made_for = controller.kinematics, controller.nominal
-    nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
-    learned = at_lengths(controller.dynamics.robot(a_d, nominal), kinematics, state.a_k)
-    return replace(learned, loads=(), remark=words)
 
 
 _SHAPES = ("threshold", "breakaway", "fading")
@@ -151,8 +136,8 @@ class LearnedParameters:
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics, dynamics = controller.kinematics, controller.dynamics
-        units = dict(zip(kinematics.names, kinematics.units, strict=True))
-        units |= dict(zip(dynamics.names, dynamics.units, strict=True))
+        names = *kinematics.names, *dynamics.names
+        units = dict(zip(names, (*kinematics.units, *dynamics.units), strict=True))
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),

@@ -158,11 +158,12 @@ class FrameFit:
         if near and error.dot(error) < bound**2:  # the estimate explains the frame, too
             return 0.0, bound, fit
         error = error - X.dot(a_k - self.start)
-        r = error - X.dot(value[: a_k.size]) - value[a_k.size :]
+        X = np.hstack([X, np.eye(error.size)])
+        r = error - X.dot(value)
         size = math.hypot(*r)
         if (near and size < bound) or not math.isfinite(size):
             return size, bound, fit
-        X, way = np.hstack([X, np.eye(r.size)]), r / max(size, bound)
+        way = r / max(size, bound)
         S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
         S += self.deviation**2 * np.eye(r.size)
         share = max(size, bound) * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
@@ -209,7 +210,7 @@ class Guards:
         """Return guards that accept everything."""
         bounds = np.full(model.nv, math.inf, kernels.BOUNDS)
         bounds["slow"], bounds["lowest"] = 0.0, -math.inf
-        places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
+        places = np.array([*model.idx_qs, model.nq], dtype=np.int64)[1:]
         return cls(model, bounds, places, np.full(model.nv, math.inf))
 
     def check_joints(
@@ -220,9 +221,9 @@ class Guards:
         q_before = before.q
         if dt == math.inf:  # it is compared with none, and nothing is bridged
             old, q_before, dt = new_monitor(v, -math.inf), q, 0.0
-        joints, q_used, v_used = empty(old.joints.shape), empty(q.size), empty(v.size)
-        shared, counts = old.shared.copy(), (old.bridged.copy(), old.since.copy())
-        monitor = MonitorState(joints, shared, *counts, old.time + dt, True, old.fit)
+        joints, q_used, v_used = empty(old.joints.shape), q.copy(), empty(v.size)
+        shared, bridged, since = old.shared.copy(), old.bridged.copy(), old.since.copy()
+        monitor = MonitorState(joints, shared, bridged, since, old.time + dt, True, old.fit)
         answer = kernels.check_joints(
             q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
             shared, q_used, v_used,

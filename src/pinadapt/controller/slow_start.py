@@ -117,32 +117,29 @@ class SlowStart(Controller):
         vars(other).pop("_joints", None)
         return other
 
-    def first_state(
-        self, measurement: Measurement, a_k: Any = None, *given: Any
+    def init(
+        self, measurement: Measurement, *, a_k: np.ndarray | None = None, **given: Any
     ) -> ControllerState:
-        """Return the state to start from, as ``Controller.init``."""
-        state, joints = super().first_state(measurement, a_k, *given), self._joints
+        """Return the state to start from; see ``Controller.init``."""
+        state, joints = super().init(measurement, a_k=a_k, **given), self._joints
         if a_k is not None or joints is None:
             return state
         q, robot, p = state.sensed.q, self.kinematics.robot, self.kinematics.size
         J = pin.computeFrameJacobian(
             robot.model, robot.model.createData(), q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         )
+        with joints.reserved():
+            filters = joints.law.filters.init(state.sensed, joints.kinematics)
         start = Start(
             q=q,
             ways=np.linalg.pinv(J[:3], rcond=0.1),
             size=0.0,
-            filters=joints.law.filters.init(state.sensed, joints.kinematics),
+            filters=filters,
             taken=-math.inf,
             rows=0,
             sums=np.zeros((p + 1, p + 1)),
         )
         return state._replace(start=start, path=PathTime(rate=0.0, cause=AXES))
-
-    def recorded(self, state: ControllerState) -> ControllerState:
-        """Return what a record keeps of a state; see ``Controller.recorded``."""
-        kept = super().recorded(state)
-        return kept if kept.start is None else kept._replace(start=None)
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
@@ -178,21 +175,18 @@ class SlowStart(Controller):
             kinematic=Estimate(np.zeros(0)),
             filters=start.filters,
             adapting=state.adapting and elapsed > 0.0,
-            sensed=state.sensed._replace(first=None),
+            sensed=state.sensed._replace(first=sensed.first),
             path=None,
             start=None,
         )
         held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
         goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
         torque, after = joints.step(inner, held, goal, elapsed or dt)
-        if sensed.first is not None:
-            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-            sensed = sensed._replace(first=sensed.first._replace(sent=torque + own))
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,
             adapting=state.adapting,
-            sensed=sensed,
+            sensed=sensed._replace(first=after.sensed.first),
             path=path._replace(lag=path.lag + elapsed),
             start=start._replace(filters=after.filters),
         )

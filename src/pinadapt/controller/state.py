@@ -9,7 +9,7 @@ import numpy as np
 
 from .._checks import flag
 from .._kernels import samples as kernels
-from ..adaptation.adaptation import Estimate
+from ..adaptation.adaptation import Estimate, mapped
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Load
@@ -148,21 +148,7 @@ class ControllerState(NamedTuple):
     def _mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ControllerState:
         """Return the state with its continuous states changed."""
         names = ("dynamic", "kinematic", "a_0", "filters", "torque_filter", "path")
-        return self._replace(**{name: _mapped(getattr(self, name), change) for name in names})
-
-
-def _mapped(part: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
-    """Return estimates and nested tuples with their arrays changed, constants as they are."""
-    if isinstance(part, np.ndarray):
-        return change(part)
-    if isinstance(part, Estimate):
-        return Estimate(change(part.value), _mapped(part.memory, change))
-    if isinstance(part, PathTime):
-        return PathTime._make([*change(np.array(part[:3])).tolist(), part.cause])
-    if not isinstance(part, tuple):
-        return part
-    pieces = [_mapped(piece, change) for piece in part]
-    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces)
+        return self._replace(**{name: mapped(change, getattr(self, name)) for name in names})
 
 
 class Sample(NamedTuple):

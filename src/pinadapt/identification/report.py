@@ -32,7 +32,6 @@ from ..information.payload import (
 )
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
-from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate as OnlineEstimate
@@ -150,10 +149,8 @@ class Identification(Printed):
     @property
     def state(self) -> ControllerState:
         """The state of a controller with these estimates; see ``Controller.learned``."""
-        motion, a_k, a_d = self.motion, self.kinematic.estimate, self.dynamic.estimate
-        first = Measurement(float(motion.t[0]), motion.q[0], motion.v[0], tau=motion.tau[0])
-        state = self.controller.first_state(first, a_k=a_k, a_d=a_d)
-        return state._replace(dynamic=Estimate(a_d), kinematic=Estimate(a_k))
+        t, a_k, a_d = float(self.motion.t[0]), self.kinematic.estimate, self.dynamic.estimate
+        return ControllerState(t, Estimate(a_d), Estimate(a_k), a_d, filters=())
 
     @property
     def robot(self) -> Robot:

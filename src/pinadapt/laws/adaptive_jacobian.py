@@ -105,8 +105,7 @@ class AdaptiveJacobian(TaskFeedback):
 
     def _error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        psi = self.posture.null_motion(s)[0]
-        return s.v - s.inverse.solve(s.xd_d - self.alpha * s.dx, psi)
+        return s.v - self._reference(s, np.zeros(s.J.shape))[0]
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
@@ -135,18 +134,22 @@ class AdaptiveJacobian(TaskFeedback):
         error, f = self._error(s), truth.friction.torque
         null = s.inverse.null(error)
         braking = error @ (f(s.v) - f(s.v - error))
-        if s.inverse.unique:
-            return float(braking)
         return float(null @ (self.posture.damping * null) + braking)
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""
-        W, J, W_T = motion.unit_masses, motion.jacobians, motion.unit_masses.swapaxes(1, 2)
+        W, W_T = motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
         one = np.eye(motion.robot.model.nv)
         D = one * (self.posture.damping if self.posture else 0.0)
-        tracked, J_W = motion.right_inverses @ J, J @ W_T
+        tracked = motion.right_inverses @ motion.jacobians
         null = one - tracked
         N = W @ null @ D @ null @ W_T
         P = W @ motion.mass_matrices @ tracked @ W_T  # projects onto what the task feels
-        damping, stiffness = (J_W.swapaxes(1, 2) @ K @ J_W for K in (self.K_v, self.K_P))
-        return Feedback(stiffness, damping + self.alpha * P, N, damping + N)
+        damping = of_joints(motion, self.K_v)
+        return Feedback(of_joints(motion, self.K_P), damping + self.alpha * P, N, damping + N)
+
+
+def of_joints(motion: TypicalMotion, K: np.ndarray) -> np.ndarray:
+    """Return J^T K J (N, n, n) of a task's K (m, m), in coordinates of unit mass, at each state."""
+    J_W = motion.jacobians @ motion.unit_masses.swapaxes(1, 2)
+    return J_W.swapaxes(1, 2) @ K @ J_W

@@ -21,7 +21,7 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
-from .adaptive_jacobian import AdaptiveJacobian
+from .adaptive_jacobian import AdaptiveJacobian, of_joints
 from .law import (
     Command,
     EstimatedModel,
@@ -83,13 +83,13 @@ class Saturation:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
         u, squares = self._sizes(dx), self._together @ (dx * dx)
         radial = self._together @ (dx * dxd) / np.maximum(squares, np.finfo(float).tiny) * dx
-        slope, ratio = 1.0 / np.cosh(np.minimum(u, 300.0)) ** 2, _ratio(u)
+        slope, ratio = 1.0 - np.tanh(u) ** 2, _ratio(u)
         return ratio * dxd + (slope - ratio) * radial
 
     def potential(self, dx: np.ndarray) -> np.ndarray:
         """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in equal parts."""
         u = self._sizes(dx)
-        S = self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0))
+        S = self.width**2 * (np.logaddexp(u, -u) - np.log(2.0))
         return S / self._together.sum(axis=1)
 
 
@@ -263,18 +263,16 @@ class ApproximateJacobian(Law):
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""
-        W, J, W_T = motion.unit_masses, motion.jacobians, motion.unit_masses.swapaxes(1, 2)
-        D = W @ self.K_v @ W_T
-        return Feedback(W @ J.swapaxes(1, 2) @ self.K_P @ J @ W_T, D, 0.0 * D, D)
+        W = motion.unit_masses
+        D = W @ self.K_v @ W.swapaxes(1, 2)
+        return Feedback(of_joints(motion, self.K_P), D, 0.0 * D, D)
 
 
 def _joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
     """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
     K_P = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size))
-    W, J = motion.unit_masses, motion.jacobians
-    J_W = J @ W.swapaxes(1, 2)  # in coordinates of unit mass
-    squares, modes = np.linalg.eigh(J_W.swapaxes(1, 2) @ K_P @ J_W)
-    root = np.linalg.solve(W, modes)
+    squares, modes = np.linalg.eigh(of_joints(motion, K_P))
+    root = np.linalg.solve(motion.unit_masses, modes)
     frequencies = np.sqrt(np.maximum(squares, (_NULL * w) ** 2))
     dampings = (root * frequencies[:, None]) @ root.swapaxes(1, 2)
     return 2.0 * dampings.mean(axis=0)

@@ -247,27 +247,28 @@ class Separation(Law):
             ud -= self.alpha * delta
         return u, ud
 
+    def _joint_reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return qd_r = J_hat^+ u + N psi, within the speeds, and its derivative (n) for dJ_hat/dt.
+
+        N psi is the null motion of the posture.
+        """
+        u, ud = self._reference(s)
+        psi, psid = self.posture.null_motion(s)
+        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
+        if self.speeds is None:
+            return qd_r, qdd_r
+        return s.inverse.keeping(self.speeds, qd_r, qdd_r, psi, psid, Jdot)
+
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        psi = self.posture.null_motion(s)[0]
-        qd_r = s.inverse.solve(self._reference(s)[0], psi)
-        if self.speeds is not None:
-            still, fixed = np.zeros(qd_r.size), np.zeros(s.J.shape)
-            none = None if psi is None else still
-            qd_r = s.inverse.keeping(self.speeds, qd_r, still, psi, none, fixed)[0]
-        return s.v - qd_r
+        return s.v - self._joint_reference(s, np.zeros(s.J.shape))[0]
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s - d, and the drives of both estimates."""
-        u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
-        Jdot = model.kinematics.jacobian_rate(a_k_rate)
-        psi, psid = self.posture.null_motion(s)
-        qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
-        if self.speeds is not None:
-            qd_r, qdd_r = s.inverse.keeping(self.speeds, qd_r, qdd_r, psi, psid, Jdot)
+        # dJ_hat/dt with the moving estimate
+        qd_r, qdd_r = self._joint_reference(s, model.kinematics.jacobian_rate(a_k_rate))
         v = s.v
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f

@@ -9,7 +9,7 @@ from ..exceptions import GainError
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..signals import Signals
 from .adaptive_jacobian import AdaptiveJacobian
-from .law import Truth
+from .law import Truth, check_in_place
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,7 @@ class SlotineLi(AdaptiveJacobian):
         Raises:
             GainError: gains that break a hypothesis of the proof.
         """
-        object.__setattr__(self, "K_P", self.K_v)
-        super().__post_init__()
+        check_in_place(self, "K_v", "alpha", "R_k", "lambda_")
         object.__setattr__(self, "K_P", self.alpha * self.K_v)
 
     @classmethod
