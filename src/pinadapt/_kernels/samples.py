@@ -129,7 +129,8 @@ def check_joints(
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
         clear = max(most["clear"], _AT_ONCE * old[JITTER])
-        no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
+        no_q = not (math.isfinite(q[k]) and math.isfinite(way))
+        no_v = not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING

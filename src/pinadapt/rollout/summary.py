@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, TypeAlias
@@ -94,7 +94,8 @@ def summary(run: Recording) -> Numbers:
         "version": __version__,
     }
     if isinstance(run.task, JointTask):
-        numbers["recorded"]["joints"] = astuple(run.task)[1:]
+        task = run.task
+        numbers["recorded"]["joints"] = task.labels, task.continuous, task.places, task.dofs
     if run.task.frames:
         numbers["recorded"]["frames"] = run.task.frames
     if isinstance(run.task, ImageTask):
@@ -115,7 +116,8 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
 
 def report_of(run: Recording, numbers: Numbers) -> Report:
     """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
-    shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
+    shown = run.task.groups[0].shown
+    angle = DISPLAYS["rad"]
     cells = [
         ("error, first 10 % (max)", "max_error_first", shown),
         ("error, last 10 % (max)", "max_error_last", shown),
@@ -129,7 +131,8 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
         ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
-    kinematic, dynamic = len(run.kinematic_names), len(run.dynamic_names)
+    kinematic = len(run.kinematic_names)
+    dynamic = len(run.dynamic_names)
     rows = [
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
@@ -139,7 +142,8 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
     ]
     for change in numbers["changes"]:
-        back, near = change["time_back"], _size(CLOSE, shown)
+        back = change["time_back"]
+        near = _size(CLOSE, shown)
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
@@ -201,7 +205,8 @@ def load(folder: Path) -> dict[str, Any]:
 
 def _task(numbers: Numbers, coordinates: int) -> Task:
     """Return the task of a run; of a picture with so many coordinates without the cameras."""
-    name, recorded = numbers["task"], numbers["recorded"]
+    name = numbers["task"]
+    recorded = numbers["recorded"]
     if "joints" in recorded:
         return JointTask(name, *map(tuple, recorded["joints"]))
     if name == IMAGE:
@@ -227,7 +232,8 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
         parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
-        before, after = percent(found["share_first"]), percent(found["share_last"])
+        before = percent(found["share_first"])
+        after = percent(found["share_last"])
         parts.append(f"torques predicted to {after}, at first {before}")
     if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
@@ -246,7 +252,8 @@ def _longest(episodes: Sequence[Slowdown | Shortfall]) -> str:
 
 def _error(run: Recording, numbers: Numbers) -> str:
     """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
-    error, shown = numbers["max_error_last"], run.task.groups[0].shown
+    error = numbers["max_error_last"]
+    shown = run.task.groups[0].shown
     if error is None:
         return "nothing was measured"
     text = f"error of the last 10 % up to {_size(error, shown)}"
