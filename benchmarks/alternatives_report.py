@@ -23,7 +23,8 @@ _COSTS = {"first": "{:.3g}", "peak": "{:.0%}", "peak_last": "{:.0%}", "chatter":
 
 def report(rows: Iterable[Row]) -> str:
     """Return all tables in Markdown."""
-    groups, parts = grouped(rows, "informed", "sensors"), []
+    groups = grouped(rows, "informed", "sensors")
+    parts = []
     for sensors, title in TITLES.items():
         own = groups[False, sensors]
         found = errors(own, ("robot", "period"), "{} {:g} s", best="**{}**")
@@ -63,7 +64,8 @@ def _error(row: Row) -> str:
 def costs(rows: Sequence[Row]) -> str:
     """Return one row per contender: medians over the runs that did not diverge."""
     head = ["first second [mm]", "peak torque", "peak at the end", "chatter [N m]", "lost"]
-    body, contenders = [], grouped(rows, "contender")
+    body = []
+    contenders = grouped(rows, "contender")
     for name in _names(rows):
         held = [row for row in contenders[name] if row["rms"] is not None]
         cells = [

@@ -49,15 +49,18 @@ def wrong_arm(
 
 
 def _small(rng: np.random.Generator, turn: float, shift: float) -> pin.SE3:
-    axis, way = rng.standard_normal(3), rng.standard_normal(3)
+    axis = rng.standard_normal(3)
+    way = rng.standard_normal(3)
     return pin.SE3(pin.exp3(turn * axis / np.linalg.norm(axis)), shift * way / np.linalg.norm(way))
 
 
 def random_angles(robot: pa.Robot, rng: np.random.Generator, count: int) -> np.ndarray:
     """Return random joint positions (count, n) around home, within the limits [rad or m]."""
-    model, home = robot.model, robot.home_angles
+    model = robot.model
+    home = robot.home_angles
     width = np.where(list(robot.slides.values()), SLIDE_WIDTH, WIDTH)
-    low, high = home - width, home + width
+    low = home - width
+    high = home + width
     for j, joint in enumerate(model.joints[1:]):
         if joint.nq == 1:
             low[j] = max(low[j], model.lowerPositionLimit[joint.idx_q])
@@ -95,7 +98,8 @@ def measured(
             R = pin.exp3(TURN_NOISE * bool(noise) * rng.standard_normal(3)) @ at.rotation
             place = np.concatenate([place, pin.Quaternion(R).coeffs()])
         x.append(place)
-    times, unknown = np.arange(float(len(x))), np.full(angles.shape, np.nan)
+    times = np.arange(float(len(x)))
+    unknown = np.full(angles.shape, np.nan)
     return pa.Log(times, angles, unknown, x=np.array(x))
 
 
@@ -103,9 +107,11 @@ def measure(robot: str, frames: str, number: int) -> dict[str, Any]:
     """Return errors of one arm in mm, before and after, and what its motion identifies."""
     described = pa.load(robot)
     rng = np.random.default_rng([zlib.crc32(robot.encode()), number])
-    real, slides = wrong_arm(described, rng), np.array(list(described.slides.values()))
+    real = wrong_arm(described, rng)
+    slides = np.array(list(described.slides.values()))
     offsets = np.where(slides, SLIDE_OFFSET, OFFSET) * rng.choice([-1.0, 1.0], len(slides))
-    noise, count = rng.uniform(*NOISE), int(rng.integers(*FRAMES))
+    noise = rng.uniform(*NOISE)
+    count = int(rng.integers(*FRAMES))
     step = COUNT[17] * np.where(slides, SLIDE_WIDTH, 1.0)
     angles = np.round(random_angles(described, rng, count) / step) * step
     anywhere = frames != "position"

@@ -35,7 +35,9 @@ class PushedArm(PlantArm):
     def __init__(self, true: pa.Robot, sensors: pa.Sensors, force: np.ndarray) -> None:
         """Take the true robot, the sensors and the force (3) [N]."""
         super().__init__(pa.plants.PinocchioPlant(true), PERIOD, sensors=sensors)
-        self.force, self._robot, self._data = force, true, true.model.createData()
+        self.force = force
+        self._robot = true
+        self._data = true.model.createData()
         self.heard: list[tuple[float, str]] = []
 
     def send(self, torque: np.ndarray) -> None:
@@ -59,7 +61,8 @@ class PushedArm(PlantArm):
 
 def pushed(name: str) -> None:
     """Measure, and print of six directions of a force in how many it was found, and how soon."""
-    robot, load = pa.load(name), pa.Payload(1.0, [0.02, 0.0, 0.06])
+    robot = pa.load(name)
+    load = pa.Payload(1.0, [0.02, 0.0, 0.06])
     tool = [0.02, -0.01, 0.05]
     true = robot.changed(payload=load, tool_translation=tool, viscous=0.5, coulomb=0.3)
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=COUNT[17])

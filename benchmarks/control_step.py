@@ -50,7 +50,8 @@ def controller(name: str, law: str, joints: bool) -> tuple[pa.Robot, pa.Controll
     if name in ROBOTS:
         robot = standing(name)
         return robot, pa.make_controller(robot, law=law, unknown=UNKNOWN)
-    robot, unknown = pa.load(name), pa.Unknown(tool=True, friction=joints, armature=joints)
+    robot = pa.load(name)
+    unknown = pa.Unknown(tool=True, friction=joints, armature=joints)
     if name == "planar_2r":
         basis = np.loadtxt(PLANAR / "basis.csv", delimiter=",")
         lmi = pa.adaptation.MatrixInequality.from_file(PLANAR / "lmi.csv")
@@ -62,8 +63,11 @@ def floor_calls(
     robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str
 ) -> dict[str, Callable[[], object]]:
     """Return the calls by name, in order."""
-    model, data = robot.model.copy(), robot.model.createData()
-    zero, frame, axes = np.zeros(model.nv), robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    model = robot.model.copy()
+    data = robot.model.createData()
+    zero = np.zeros(model.nv)
+    frame = robot.frame_id
+    axes = pin.LOCAL_WORLD_ALIGNED
     inertias = model.inertias
     tens = [inertia.toDynamicParameters() for inertia in inertias[1:]]
 
@@ -105,14 +109,16 @@ def floor_calls(
 
 def sizes(name: str, control: pa.Controller) -> dict[str, Any]:
     """Return how many parameters a controller adapts."""
-    kinematic, dynamic = control.kinematics.size, control.dynamics.size
+    kinematic = control.kinematics.size
+    dynamic = control.dynamics.size
     return {"name": name, "law": control.law.name, "parameters": kinematic + dynamic}
 
 
 def measure(name: str) -> dict[str, Any]:
     """Return the figures of one case."""
     robot, control = controller(*CASES[name])
-    plant, rng = pa.plants.PinocchioPlant(robot), np.random.default_rng(0)
+    plant = pa.plants.PinocchioPlant(robot)
+    rng = np.random.default_rng(0)
     v = 0.3 * rng.standard_normal(plant.nv) * (not robot.contacts)
     circle = pa.trajectories.Circle(np.zeros(3 if robot.contacts else robot.task.size), 0.1, 3.0)
     path: pa.trajectories.Trajectory = circle
@@ -164,7 +170,8 @@ def measure_memory() -> dict[str, Any]:
     # a step that solves for H da makes another A
     pairs = zip(seen, after, strict=True)
     solves = np.array([before[0] is not then[0] for before, then in pairs])[-ROUNDS:]
-    usual, share = float(np.median(times["natural"])), float(np.mean(solves))
+    usual = float(np.median(times["natural"]))
+    share = float(np.mean(solves))
     between, solving = (float(np.median(times["memory"][kind])) for kind in (~solves, solves))
     mean = share * solving + (1.0 - share) * between
     return sizes("panda_memory", controllers[1]) | {

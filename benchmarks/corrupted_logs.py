@@ -65,7 +65,9 @@ def rows(log: pa.Log, kept: np.ndarray) -> pa.Log:
 
 def mistakes(log: pa.Log, robot: pa.Robot, *others: pa.Robot) -> Iterator[tuple[str, Case]]:
     """Yield the name of each mistake, and log and robot with it."""
-    n, rng, names = robot.model.nv, np.random.default_rng(0), robot.joint_names
+    n = robot.model.nv
+    rng = np.random.default_rng(0)
+    names = robot.joint_names
     signs = 1.0 - 2.0 * np.eye(n)
     torques = {
         "amperes": 0.1,

@@ -32,7 +32,8 @@ TRUTH = "truth"
 def measure(robot: str, law: str, adaptation: str) -> dict[str, Any]:
     """Return the error at the end [m or rad]; laws of joint space see no tool."""
     joints = pa.laws.LAWS[law].joint_space
-    described, mass = pa.load(robot, task="joint" if joints else None), LOADS[robot]
+    described = pa.load(robot, task="joint" if joints else None)
+    mass = LOADS[robot]
     load = pa.Payload(mass, CENTRE, mass / LOADS["panda"] * np.array(TURNING))
     true = described.changed(payload=load)
     circle = pa.trajectories.Circle(np.zeros(3), RADIUS, PERIOD, "yz")

@@ -44,7 +44,8 @@ def last(
     estimator: pa.Estimator, samples: Iterable[pa.Measurement]
 ) -> tuple[Estimate, list[float]]:
     """Return the estimate after samples, and the time of each step [s]."""
-    state, times = None, []
+    state = None
+    times = []
     for sample in samples:
         start = perf_counter()
         state = estimator.init(sample) if state is None else estimator.step(state, sample)
@@ -57,7 +58,8 @@ def real(name: str) -> dict[str, Any]:
     """Return the held-out error of a log [N m], and the longest step [s]."""
     ((_, file, robot),) = logs_of(folder(), name)
     at = problem_of(pa.read_log(file, robot), robot)
-    q, tau = at.log.configurations(at.robot), at.log.tau
+    q = at.log.configurations(at.robot)
+    tau = at.log.tau
     finite = np.isfinite(np.hstack([q, tau])).all(axis=1) & (at.log.t <= at.split)
     estimator = pa.Estimator(at.robot, period=at.log.period, held=False, smooth=True)
     found, times = last(
@@ -72,17 +74,23 @@ def real(name: str) -> dict[str, Any]:
 
 def chain(name: str, unknown: str) -> dict[str, Any]:
     """Return how well a load is known that a chain of the catalogue carries."""
-    rng, dt, robot = np.random.default_rng(0), 4e-3, pa.load(name)
-    model, n = robot.model, robot.model.nv
+    rng = np.random.default_rng(0)
+    dt = 4e-3
+    robot = pa.load(name)
+    model = robot.model
+    n = robot.model.nv
     friction = 0.02 * np.clip(model.effortLimit, 0.01, 10.0)
     load = pa.Payload(0.1 * robot.mass, (0.0, 0.0, 0.02 * robot.reach))
     true = robot.changed(payload=load, viscous=friction, coulomb=friction)
-    w, phase, data = rng.uniform(2.0, 8.0, n), rng.uniform(0.0, 6.0, n), true.model.createData()
+    w = rng.uniform(2.0, 8.0, n)
+    phase = rng.uniform(0.0, 6.0, n)
+    data = true.model.createData()
     height = 0.3 * np.where([*robot.slides.values()], 0.2 * robot.reach, 1.0)
     samples = []
     for t in np.arange(0.0, 3.0, dt).tolist():
         q = pin.integrate(model, robot.q0, height * np.sin(w * t + phase))
-        v, a = height * w * np.cos(w * t + phase), -height * w**2 * np.sin(w * t + phase)
+        v = height * w * np.cos(w * t + phase)
+        a = -height * w**2 * np.sin(w * t + phase)
         tau = pin.rnea(true.model, data, q, v, a) + true.friction.torque(v)
         samples.append(pa.Measurement(t, q, v, tau=tau))
     found = last(pa.Estimator(robot, unknown, period=dt, held=False), samples)[0].load
@@ -92,7 +100,8 @@ def chain(name: str, unknown: str) -> dict[str, Any]:
 
 def random_load(rng: np.random.Generator) -> pa.Payload:
     """Return a box of 0.3 to 3 kg at the flange."""
-    mass, sides = rng.uniform(0.3, 3.0), rng.uniform(0.03, 0.2, 3)
+    mass = rng.uniform(0.3, 3.0)
+    sides = rng.uniform(0.03, 0.2, 3)
     moments = mass / 12.0 * (np.sum(sides**2) - sides**2)
     com = [*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1)]
     return pa.Payload(mass, com, [moments[0], 0.0, moments[1], 0.0, 0.0, moments[2]])
@@ -100,20 +109,25 @@ def random_load(rng: np.random.Generator) -> pa.Payload:
 
 def coverage(unknown: str, seed: int) -> dict[str, Any]:
     """Return whether the intervals contain a load, of centre and inertia the share of them."""
-    rng, dt = np.random.default_rng(seed), 4e-3
-    robot, load = pa.load("panda", task="joint"), random_load(rng)
+    rng = np.random.default_rng(seed)
+    dt = 4e-3
+    robot = pa.load("panda", task="joint")
+    load = random_load(rng)
     viscous, coulomb = rng.uniform(0.2, 1.0, (2, 7))
     shape = {"gear_friction": 0.03, "breakaway": 1.3, "fading": 0.04}
     shaped: Any = {name: np.full(7, value) for name, value in shape.items()}
     true = robot.changed(friction=Friction(viscous, coulomb, **shaped)).changed(payload=load)
     t = np.arange(0.0, 8.0, dt)
     w = 2.0 * np.pi * rng.uniform(0.1, 0.5, (7, 3))
-    phase, height = rng.uniform(0.0, 6.0, (7, 3)), rng.uniform(0.1, 0.25, (7, 3))
+    phase = rng.uniform(0.0, 6.0, (7, 3))
+    height = rng.uniform(0.1, 0.25, (7, 3))
     angles = t[:, None, None] * w + phase
     q = robot.home_angles + (height * np.sin(angles)).sum(-1)
     v = (height * w * np.cos(angles)).sum(-1)
     a = -(height * w**2 * np.sin(angles)).sum(-1)
-    limits, data, samples = robot.model.effortLimit, true.model.createData(), []
+    limits = robot.model.effortLimit
+    data = true.model.createData()
+    samples = []
     for k, now in enumerate(t.tolist()):
         g = pin.computeGeneralizedGravity(true.model, data, q[k])
         tau = pin.rnea(true.model, data, q[k], v[k], a[k])

@@ -100,7 +100,8 @@ def identified(at: LearningProblem, unknown: pa.Unknown | None) -> tuple[Estimat
 
 def estimated(at: LearningProblem) -> tuple[Estimates, float]:
     """Return what the ``Estimator`` finds sample by sample, and its error."""
-    motion, stops = at.motion, [CARRIED[1] - 0.02, np.inf]
+    motion = at.motion
+    stops = [CARRIED[1] - 0.02, np.inf]
     samples = [
         pa.Measurement(t, q, v, tau=tau)
         for t, q, v, tau in zip(motion.t, motion.q, motion.v, motion.tau, strict=True)
@@ -108,7 +109,8 @@ def estimated(at: LearningProblem) -> tuple[Estimates, float]:
     ]
     started = process_time()
     estimator = pa.Estimator(at.robot, period=at.log.period, held=False)
-    state, found = estimator.init(samples[0]), []
+    state = estimator.init(samples[0])
+    found = []
     for sample in samples[1:]:
         if sample.t >= stops[0]:
             stops.pop(0)
@@ -192,7 +194,8 @@ ONLINE = "recursive least squares", "extended Kalman filter", "Estimator"
 
 def report(rows: Sequence[Row]) -> str:
     """Return errors, loads, bodies that are not physical, and times, by contender."""
-    cells, logs = [], [*grouped(rows, "log")]
+    cells = []
+    logs = [*grouped(rows, "log")]
     for contender, own in grouped(rows, "contender").items():
         line = [contender]
         for row in own:

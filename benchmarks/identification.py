@@ -42,7 +42,8 @@ def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]
 
 def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
     """Return the log of a run with encoders of 17 bits, noisy torques, and a camera of 30 Hz."""
-    rng, limits = np.random.default_rng(0), robot.model.upperEffortLimit
+    rng = np.random.default_rng(0)
+    limits = robot.model.upperEffortLimit
     q = np.round(run.q / COUNT[17]) * COUNT[17]
     tau = run.tau + TORQUE_NOISE * limits * rng.standard_normal(run.tau.shape)
     x = run.x[::33] + CAMERA * rng.standard_normal(run.x[::33].shape)
@@ -64,7 +65,8 @@ def identified(name: str, log: str) -> pa.Identification:
 def measure(robot: str, log: str) -> dict[str, Any]:
     """Return the errors of the torques [N m], and of the load [kg, m]."""
     found = identified(robot, log)
-    errors, load = found.torque_errors, found.payload(gain=0.0)
+    errors = found.torque_errors
+    load = found.payload(gain=0.0)
     return {
         "described": rms(errors.described_held_out),
         "learned": rms(errors.learned_held_out),

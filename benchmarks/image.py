@@ -26,7 +26,8 @@ AWAY, PIXELS = 2.0, 500.0  # reaches; a reach
 
 def camera_at(robot: pa.Robot, direction: np.ndarray) -> np.ndarray:
     """Return a camera (3, 4) that looks at the frame at home from a direction (3), v upwards."""
-    p, away = robot.placement(robot.q0).translation, AWAY * robot.reach
+    p = robot.placement(robot.q0).translation
+    away = AWAY * robot.reach
     eye = p + away * direction / np.linalg.norm(direction)
     return np.diag([1.0, -1.0, 1.0]) @ pa.tasks.pinhole_camera(eye, p, away)
 
@@ -34,7 +35,8 @@ def camera_at(robot: pa.Robot, direction: np.ndarray) -> np.ndarray:
 @quiet()
 def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
     """Return largest errors relative to the radius of the circle's picture, and in pixels."""
-    described, rng = pa.load(robot), random_of(robot)
+    described = pa.load(robot)
+    rng = random_of(robot)
     eyes = [
         camera_at(described, np.append(rng.standard_normal(2), rng.uniform(0.3, 1.5)))
         for _ in range(cameras)
@@ -42,7 +44,8 @@ def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
     real = spoiled(described)
     circle = pa.reachable_circle(described).starting_at(real.position(real.q0))
     filmed = real.filmed_by(*eyes)
-    rest, place = real.placement(real.q0), slice(0, circle.at(0.0).x_d.size)
+    rest = real.placement(real.q0)
+    place = slice(0, circle.at(0.0).x_d.size)
     rows = np.arange(3)[getattr(real.task, "place", place)]
 
     def path(t: float) -> np.ndarray:

@@ -34,7 +34,8 @@ class Case:
 
     def __init__(self, law: str, scenario: Scenario) -> None:
         """Take the law and the scenario whose robots it moves."""
-        self.law, self.joints = law, pa.laws.LAWS[law].joint_space
+        self.law = law
+        self.joints = pa.laws.LAWS[law].joint_space
         robots = scenario.true, scenario.estimated
         self.true, self.model = map(in_joint_space, robots) if self.joints else robots
         self.path: pa.trajectories.Trajectory = scenario.trajectory
@@ -65,9 +66,13 @@ class Case:
 
     def cost(self) -> float:
         """Return the time of a step in calls of ``pin.aba``."""
-        model, data, rest = self.true.model, self.true.model.createData(), np.zeros(7)
-        controller, plant = self.controller(), pa.plants.PinocchioPlant(self.true)
-        measurement, desired = plant.measurement(self.true.q0, rest + 0.1), self.path.at(0.1)
+        model = self.true.model
+        data = self.true.model.createData()
+        rest = np.zeros(7)
+        controller = self.controller()
+        plant = pa.plants.PinocchioPlant(self.true)
+        measurement = plant.measurement(self.true.q0, rest + 0.1)
+        desired = self.path.at(0.1)
         state = controller.step(controller.init(measurement), measurement, desired, 1e-3)[1]
 
         def step() -> None:
@@ -84,7 +89,8 @@ class Case:
 
 def in_joint_space(robot: pa.Robot) -> pa.Robot:
     """Return the same robot with its joints as the task."""
-    joints, friction = pa.load(robot.model, task="joint", q0=robot.q0), robot.friction
+    joints = pa.load(robot.model, task="joint", q0=robot.q0)
+    friction = robot.friction
     return joints.changed(viscous=friction.viscous, coulomb=friction.coulomb)
 
 

@@ -49,8 +49,10 @@ class Liar:
 
     def __init__(self, robot: pa.Robot, spoil: Spoil) -> None:
         """Take the robot, and what spoils a true sample."""
-        self.model, self._spoil = robot.model, spoil
-        self.count, self.first = 0, pa.Measurement(0.0, robot.q0, np.zeros(robot.model.nv))
+        self.model = robot.model
+        self._spoil = spoil
+        self.count = 0
+        self.first = pa.Measurement(0.0, robot.q0, np.zeros(robot.model.nv))
 
     def __call__(self, sample: pa.Measurement) -> pa.Measurement:
         """Return what is said in place of a true sample."""
@@ -149,7 +151,9 @@ class Loop:
     def __init__(self, name: str, law: str, measures: bool = False, dt: float = DT) -> None:
         """Take a robot, a law, whether torques are measured, and the period [s]."""
         case = zoo_case(name)
-        self.true, self.measures, self.dt = case.true, measures, dt
+        self.true = case.true
+        self.measures = measures
+        self.dt = dt
         options: dict[str, Any] = {"adaptation": "least-squares"} if measures else {}
         self.controller = pa.make_controller(
             case.estimated,
@@ -214,7 +218,9 @@ def effect(loop: Loop, honest: list[np.ndarray]) -> dict[str, Any]:
     model = loop.true.model
     limit = np.where(model.effortLimit > 0.0, model.effortLimit, np.inf)
     found: dict[str, Any] = {"refused": None, "drift": 0.0, "brakes": None}
-    share, farthest, k = 0.0, 0.0, 0
+    share = 0.0
+    farthest = 0.0
+    k = 0
     try:
         for truth, torque in loop.samples(LONGEST):
             share = max(share, float((np.abs(torque) / limit).max()))

@@ -52,7 +52,8 @@ def distances(found: Calibration, log: pa.Log) -> np.ndarray:
 
 def measure(unknown: str) -> dict[str, Any]:
     """Return the rms distances in both files [m]."""
-    folder, robot = Path(os.environ["TIAGO_POSTURES"]), pa.load("tiago_arm")
+    folder = Path(os.environ["TIAGO_POSTURES"])
+    robot = pa.load("tiago_arm")
     logs = [
         read_log(folder / name, robot, import_options=READ, torques=False)
         for name in (TRAINING, TEST)

@@ -74,7 +74,8 @@ def least_squares_errors(found: Identification) -> tuple[float, float]:
     chosen = pa.models.base_parameters(dynamics, found.described).chosen
     first = found.windows.between(-np.inf, found.split)
     last = found.windows.between(found.split, np.inf)
-    W, errors = first.W[:, :, chosen], []
+    W = first.W[:, :, chosen]
+    errors = []
     noise = np.ones(W.shape[1])
     for _ in range(2):
         A = (W / noise[:, None]).reshape(-1, len(chosen))

@@ -132,8 +132,10 @@ class Unmodelled(SimulatedPlant):
 
     def __init__(self, robot: pa.Robot, *, case: Reality, seed: int, axis: str, **own: Any) -> None:
         """Take a reality, the seed of the ripple's phases, and the axis of the push."""
-        self._case, self._efforts = case, effort_limits(robot.model)
-        self._given, random = np.zeros(robot.model.nv), np.random.default_rng(seed)
+        self._case = case
+        self._efforts = effort_limits(robot.model)
+        self._given = np.zeros(robot.model.nv)
+        random = np.random.default_rng(seed)
         self._phase = random.uniform(0.0, 2.0 * math.pi, robot.model.nv)
         self._force = np.zeros(3)
         self._force["xyz".index(axis[1])] = math.copysign(case.push, float(f"{axis[0]}1"))
@@ -158,7 +160,8 @@ class Unmodelled(SimulatedPlant):
         since = self._t - 0.5 * self._case.duration
         if not self._case.push or not -1e-9 < since < PUSHED - 1e-9:
             return 0.0
-        robot, axes = self.robot, pin.LOCAL_WORLD_ALIGNED
+        robot = self.robot
+        axes = pin.LOCAL_WORLD_ALIGNED
         at = robot.model, self._data_of_push, q, robot.frame_id, axes
         return np.asarray(self._force @ pin.computeFrameJacobian(*at)[:3])
 
@@ -203,7 +206,9 @@ class ElasticArm(Unmodelled, ElasticPlant):
         the motors, so that it is left on the links alone.
         """
         v, w = velocities
-        d, way, push = self._d, h * (w - v), self.pushed(q)
+        d = self._d
+        way = h * (w - v)
+        push = self.pushed(q)
         way = np.where(np.abs(way) < 1e-9, 1e-9, way)
         pull = self.spring(d)
         self._K = np.maximum((self.spring(d + way) - pull) / way, 1e-6)
@@ -247,7 +252,8 @@ class Observed(pa.Controller):
         model, data, (q, v) = self.kinematics.robot.model, self._data, after.sensed[:2]
         momentum = pin.crba(model, data, q) @ v
         p = momentum if self.p is None else self.p
-        r, efforts = self.k * (momentum - p), effort_limits(model)
+        r = self.k * (momentum - p)
+        efforts = effort_limits(model)
         torque = np.clip(torque - r, -efforts, efforts)
         known = v @ pin.computeCoriolisMatrix(model, data, q, v)
         known = known - pin.computeGeneralizedGravity(model, data, q)
@@ -281,14 +287,19 @@ def simulated(
     robot: str, case: Reality, contender: str, seed: int, axis: str
 ) -> tuple[pa.Controller, pa.Rollout]:
     """Return the controller and its run; see ``measure``."""
-    zoo, unknown, n = case_of(robot, seed), pa.Unknown(), case.duration
-    true, model, own = zoo.true, zoo.estimated, zoo.true.friction
+    zoo = case_of(robot, seed)
+    unknown = pa.Unknown()
+    n = case.duration
+    true = zoo.true
+    model = zoo.estimated
+    own = zoo.true.friction
     actuators = pa.robot.Actuators(delay=case.late)
     elastic = math.isfinite(case.stiffness)
     if elastic:
         inertia = np.diag(pin.crba(true.model, true.model.createData(), true.q0))
         rotors = np.maximum(ROTOR[0] * inertia, ROTOR[1] * inertia.max())
-        true, model = true.changed(armature=rotors), model.changed(armature=rotors)
+        true = true.changed(armature=rotors)
+        model = model.changed(armature=rotors)
         unknown = pa.Unknown(armature=False)
         K = case.stiffness / levers(true) ** 2
         damping = 2.0 * case.damping * np.sqrt(K * rotors)
@@ -363,7 +374,8 @@ def measure(
     error [m], the time until it is back [s], and the weight at the end of the push, a second later
     and in the end.
     """
-    case, zoo = REALITIES[reality], case_of(robot, case_seed)
+    case = REALITIES[reality]
+    zoo = case_of(robot, case_seed)
     case = replace(
         case,
         push=case.push if force is None else force,
@@ -371,14 +383,17 @@ def measure(
     )
     given = robot, case, contender, case_seed, axis or AXES[case_seed % len(AXES)]
     controller, rollout = simulated(*given)
-    t, error, start = rollout.t, rollout.distance, 0.5 * case.duration
+    t = rollout.t
+    error = rollout.distance
+    start = 0.5 * case.duration
     last = error[t > case.duration - 0.5 * zoo.period]
     if rollout.diverged is not None or not last.max() < zoo.radius:
         return {"status": "diverged", "reason": f"lost after {t[-1]:.1f} s"}
     weight = weights(controller, rollout.a_d, zoo.true)
     found = {"error": float(last.max()) / zoo.radius, "weight": float(weight[-1])}
     if case.push:
-        late, before = t >= start + PUSHED, (t > 1.0) & (t < start)
+        late = t >= start + PUSHED
+        before = (t > 1.0) & (t < start)
         away = t[late & (error > error[before].max() + BAND)]
         found |= {
             "pushed": float(error[(t >= start) & (t < start + 2.0 * PUSHED)].max()),
@@ -393,7 +408,8 @@ def contenders(rows: Iterable[Row]) -> str:
     """Return median and worst error of each contender in each reality, and how many are lost."""
     lines = []
     for reality, own in grouped([row for row in rows if not row["force"]], "reality").items():
-        line, runs = [reality], grouped(own, "contender")
+        line = [reality]
+        runs = grouped(own, "contender")
         for contender in CONTENDERS:
             errors = [100.0 * row["error"] for row in runs[contender] if row["error"] is not None]
             lost = len(runs[contender]) - len(errors)

@@ -143,7 +143,8 @@ def unknown_lengths(rows: Sequence[Row]) -> str:
         named = words(row)
         law, kind, regressor = LENGTHS[named.get("controller.law", "")]
         if named and "controller.law" not in named:
-            law, kind = "passivity based", named.get("controller.adaptation", "gradient")
+            law = "passivity based"
+            kind = named.get("controller.adaptation", "gradient")
             nominal = "unknown.regressor" in named
             regressor = "nominal, 60, not covered by the proof" if nominal else ""
             kind = kind if kind == "none" else f"`{kind}`"

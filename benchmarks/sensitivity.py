@@ -49,7 +49,8 @@ def figures(case: Case) -> dict[str, float | None]:
         row = measure(arm, reality, "default", duration=SECONDS)
     finally:
         setattr(owner, name, before)
-    error, pushed = row.get("error"), row.get("pushed")
+    error = row.get("error")
+    pushed = row.get("pushed")
     return {
         "error": None if error is None else 100.0 * error,
         "pushed": None if pushed is None else 1e3 * pushed,

@@ -48,9 +48,11 @@ class Loop:
         path: pa.trajectories.Trajectory,
     ) -> None:
         """Take plant, controller and path."""
-        self._plant, self._controller = plant, controller
+        self._plant = plant
+        self._controller = controller
         self._stream = pa.run(plant, controller, path)
-        self.kept, self.steps = Record(), list[float]()
+        self.kept = Record()
+        self.steps = list[float]()
 
     def block(self) -> float:
         """Run the next block; return its time without the control steps [s]."""
@@ -65,15 +67,19 @@ class Loop:
 
     def rollout(self) -> float:
         """Make the rollout of all blocks; return its time per block [s]."""
-        started, robots = perf_counter(), pa.robot.Succession.of(self._plant.robot)
+        started = perf_counter()
+        robots = pa.robot.Succession.of(self._plant.robot)
         rollout_of(self.kept, self._plant, self._controller, robots, title="", wall_time=0.0)
         return (perf_counter() - started) * BLOCK / len(self.kept.samples)
 
 
 def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, Any]:
     """Return the figures of one plant under the scenario's controller and motion."""
-    model, data = plant.robot.model, plant.robot.model.createData()
-    q, v, tau = plant.robot.q0, np.full(model.nv, 0.1), np.ones(model.nv)
+    model = plant.robot.model
+    data = plant.robot.model.createData()
+    q = plant.robot.q0
+    v = np.full(model.nv, 0.1)
+    tau = np.ones(model.nv)
     loop = Loop(plant, scenario.controller, scenario.trajectory)
 
     def dynamics() -> None:
@@ -81,7 +87,8 @@ def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, A
             pin.aba(model, data, q, v, tau)
 
     times = in_turn({"rest": loop.block, "aba": dynamics}, ROUNDS)
-    step, rest = np.array(loop.steps[-ROUNDS:]), times["rest"] + loop.rollout()
+    step = np.array(loop.steps[-ROUNDS:])
+    rest = times["rest"] + loop.rollout()
     return {
         "name": name,
         "aba_us": 1e6 * float(np.median(times["aba"])) / BLOCK,

@@ -49,15 +49,20 @@ class Sway(Trajectory):
 
     def __init__(self, robot: pa.Robot, way: ArrayLike = WAY) -> None:
         """Begin at the home pose of a robot; ``way`` are amplitudes (3) [m]."""
-        self.start, self.turn = robot.position(robot.q0), np.array([0.0, 0.1, 0.0])
+        self.start = robot.position(robot.q0)
+        self.turn = np.array([0.0, 0.1, 0.0])
         self.way = np.array(way)
 
     def at(self, t: float) -> Desired:
         """Return the pose of the trunk at time t [s]."""
         w, (s, sd, sdd) = math.pi, minimum_jerk(min(max(t, 0.0), 1.0))
         phase = w * t + np.array([0.0, math.pi / 2.0, 0.0])
-        g, gd, gdd = np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase)
-        h, hd, hdd = g[0], gd[0], gdd[0]
+        g = np.sin(phase)
+        gd = w * np.cos(phase)
+        gdd = -w * w * np.sin(phase)
+        h = g[0]
+        hd = gd[0]
+        hdd = gdd[0]
         home = pin.Quaternion(self.start[3:]).matrix()
         turned = pin.Quaternion(pin.exp3(self.turn * s * h) @ home).coeffs()
         return Desired(
@@ -114,12 +119,15 @@ def measure(
 
     The errors are those of the trunk: the largest of the run, the last second's, of its height.
     """
-    described, rng = standing(robot), np.random.default_rng(case_seed)
-    height, way = described.q0[2], np.array(WAY)
+    described = standing(robot)
+    rng = np.random.default_rng(case_seed)
+    height = described.q0[2]
+    way = np.array(WAY)
     com = height * np.array([0.2, 0.08, 0.32])
     if varied:
         load *= rng.uniform()
-        com, way = com * rng.uniform(-1.0, 1.0, 3), way * rng.uniform(-1.3, 1.3, 3)
+        com = com * rng.uniform(-1.0, 1.0, 3)
+        way = way * rng.uniform(-1.3, 1.3, 3)
         com[2] = abs(com[2])
     angle = rng.uniform(-math.pi, math.pi)
     true = described.changed(payload=pa.Payload(load, com))
@@ -199,7 +207,8 @@ def rough(rows: Iterable[Row]) -> str:
     chosen = [row for row in rows if row["sensors"]]
     chosen = [row for row in chosen if row["adaptation"] != "none" or row["varied"]]
     keys = "robot", "load", "motion", "sensors", "push", "varied", "adaptation"
-    others, lines = {"none": ", not adapted", "known": ", known"}, []
+    others = {"none": ", not adapted", "known": ", known"}
+    lines = []
     for own in grouped(chosen, *keys).values():
         row, held = own[0], [row for row in own if row["status"] == "done"]
         what = _words(row) + ", pushed" * bool(row["push"]) + others.get(row["adaptation"], "")

@@ -149,7 +149,9 @@ def measure(name: str, again: Sequence[str] | None) -> None:
     if not path.is_file():
         guess = did_you_mean(name, SWEPT)
         raise InputError(f"there is no {path.name}.{guess}", where=name)
-    plan, folder, table = Plan.read(path), RUNNING / name, HERE / f"{name}.csv"
+    plan = Plan.read(path)
+    folder = RUNNING / name
+    table = HERE / f"{name}.csv"
     if again is not None or not plan.is_in(folder):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -178,7 +180,8 @@ def kept(plan: Plan, rows: Iterable[Row], again: Sequence[str] | None) -> list[d
     def values(row: Row) -> tuple[Any, ...]:
         return tuple("" if row.get(key) is None else row[key] for key in keys)
 
-    by_values, found = {values(row): row for row in rows}, []
+    by_values = {values(row): row for row in rows}
+    found = []
     for case in plan.cases:
         flat = flat_row(case.values)
         stale = again is not None and all(str(flat[key]) == str(wanted[key]) for key in wanted)

@@ -72,7 +72,8 @@ def measure(robot: str, run: str) -> dict[str, Any]:
     path = robot if "/" not in robot else located(robot)
     words = set(run.split(", "))
     degrees = [float(word.split()[1]) for word in words if word.startswith("tracker ")]
-    sensors, adaptations = words & set(SENSORS), words & set(ADAPTATIONS)
+    sensors = words & set(SENSORS)
+    adaptations = words & set(ADAPTATIONS)
     if len(words) > len(sensors) + len(adaptations) + len(degrees):
         known = f"{', '.join(SENSORS)}, tracker DEGREES, {', '.join(ADAPTATIONS)}"
         raise ValueError(f"'{run}' has a word that is not one of {known}.")
@@ -126,7 +127,8 @@ def _followed(
             raise InputError(
                 "turned axes need a task in space, this one is planar.", where="tracker"
             )
-        R, seen = pin.exp3(np.radians(tracker) * AXIS), motion
+        R = pin.exp3(np.radians(tracker) * AXIS)
+        seen = motion
         true = true.seen_from(R, PLACE)
 
         def motion(t: float) -> np.ndarray:
@@ -159,7 +161,8 @@ def report(rows: Sequence[Row]) -> str:
 
 def counts(rows: Sequence[Row]) -> str:
     """Return a table in Markdown of how the runs ended, a line for each kind of run."""
-    ends, lines = [DONE, DIVERGED, REFUSED], []
+    ends = [DONE, DIVERGED, REFUSED]
+    lines = []
     default = [row for row in rows if "natural" not in row["run"]]
     for run, own in grouped(default, "run").items():
         shares = [
@@ -167,7 +170,8 @@ def counts(rows: Sequence[Row]) -> str:
             for row in own
             if row["status"] == DONE
         ]
-        middle, worst = "", ""
+        middle = ""
+        worst = ""
         if shares:
             middle = f"{median(share for share, _ in shares):.2g} %"
             worst = "{:.2g} % (`{}`)".format(*max(shares))

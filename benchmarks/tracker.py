@@ -38,7 +38,8 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
     posed = start.startswith("pose")
     described = pa.load(robot, task="pose" if posed else None)
     rng = random_of(robot)
-    axis, place = rng.standard_normal(3), rng.uniform(-1.0, 1.0, 3)
+    axis = rng.standard_normal(3)
+    place = rng.uniform(-1.0, 1.0, 3)
     turn = np.radians(angle) * axis / np.linalg.norm(axis)
     real = spoiled(described)
     real = with_marker(real) if posed else real
@@ -50,7 +51,8 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         seen = R @ x_d[:3] + place, R @ xd_d[:3], R @ xdd_d[:3]
         if not posed:
             return seen
-        z, w = R[:, 2], 0.5 * np.pi
+        z = R[:, 2]
+        w = 0.5 * np.pi
         tilt = TILT * np.array([np.sin(w * t) ** 2, w * np.sin(2 * w * t), 0.0])
         tilt[2] = TILT * 2.0 * w**2 * np.cos(2 * w * t)
         turned = quaternion(pin.exp3(tilt[0] * z) @ R @ matrix(x_d[3:]))
@@ -58,7 +60,8 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         x_d, xd_d, xdd_d = (np.append(*each) for each in zip(seen, parts, strict=True))
         return x_d, xd_d, xdd_d
 
-    duration, at_once = DURATION, start.endswith("at once")
+    duration = DURATION
+    at_once = start.endswith("at once")
     if at_once:
         duration += WAITING + (NOISY / described.reach**2 if sensors == "camera" else 0.0)
     controller = pa.make_controller(
@@ -76,7 +79,8 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         progress=False,
     )
     assert circle.extent is not None
-    found, t = errors(rollout, circle.extent, duration), rollout.t
+    found = errors(rollout, circle.extent, duration)
+    t = rollout.t
     if rollout.diverged is not None:
         return found
     if rollout.path_time is not None:

@@ -78,7 +78,8 @@ def report(rows: Iterable[Row]) -> str:
     runs = {(row["robot"], row["adaptation"]): row for row in rows}
     lines = []
     for name in dict.fromkeys(robot for robot, _ in runs):
-        own, other = runs[name, "natural"], runs[name, "none"]
+        own = runs[name, "natural"]
+        other = runs[name, "none"]
         cells = ["refused", "", "", ""]
         if not own["refused"]:
             joints = f"{own['joints']:g}"

@@ -29,7 +29,8 @@ def blank_pictures(monkeypatch):
     from pinadapt.plots.style import Picture
 
     blank = Picture(figsize=(0.1, 0.1))
-    png, figures = blank.png(), Figures(*[blank] * len(Figures._fields))
+    png = blank.png()
+    figures = Figures(*[blank] * len(Figures._fields))
     monkeypatch.setattr(Figures, "of", lambda run: figures)
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: png)
     for drawn in ("parameter", "prediction"):  # those of an identification

@@ -64,11 +64,9 @@ def observed_torque(
     at: Setting, *, k_o: float, k_x: float, seen: bool | None = None, compensate: bool = False
 ) -> pa.Controller:
     """Return computed torque with observer and integral; on x_hat(q) if the camera is late."""
-    task, posture, seen = (
-        at.nominal.task,
-        _posture(at),
-        at.sensors.perfect if seen is None else seen,
-    )
+    task = at.nominal.task
+    posture = _posture(at)
+    seen = at.sensors.perfect if seen is None else seen
     rates = {"k_o": k_o * at.w, "k_x": k_x * at.w}
     law = ObservedTorque(task, posture, **_poles(at.w), nominal=at.model, seen=seen, **rates)
     return _frozen(at, law, compensate)

@@ -39,7 +39,8 @@ def figaroh_fit(problem: LearningProblem, stage: str = "fit") -> Estimates:
         ValueError: the program has no accepted solution.
     """
     base_class: Any = import_module("figaroh.identification").BaseIdentification
-    motion, names = problem.learned, problem.robot.joint_names
+    motion = problem.learned
+    names = problem.robot.joint_names
 
     class Identification(base_class):
         """The motion of the problem, already filtered."""
@@ -85,15 +86,16 @@ def figaroh_fit(problem: LearningProblem, stage: str = "fit") -> Estimates:
     }
     factor = max(min(10, int(1.0 / motion.period / _SLOWEST)), 1)
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
-        urdf, settings = Path(folder) / "robot.urdf", Path(folder) / "config.yaml"
+        urdf = Path(folder) / "robot.urdf"
+        settings = Path(folder) / "config.yaml"
         urdf.write_text(problem.robot.urdf(shapes=False))
         settings.write_text(json.dumps(config))  # JSON is YAML
-        robot, chain = (
-            import_module("figaroh.tools.robot").Robot(str(urdf), folder),
-            problem.robot.model,
-        )
+        robot = import_module("figaroh.tools.robot").Robot(str(urdf), folder)
+        chain = problem.robot.model
         # locked joints are no part of the chain
-        robot.model, robot.data, robot.q0 = chain.copy(), chain.createData(), problem.robot.q0
+        robot.model = chain.copy()
+        robot.data = chain.createData()
+        robot.q0 = problem.robot.q0
         robot.v0 = np.zeros(chain.nv)
         started = process_time()
         found = Identification(robot, str(settings))

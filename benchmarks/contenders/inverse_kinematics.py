@@ -20,7 +20,8 @@ class InverseKinematics:
 
     def __init__(self, nominal: NominalRobot, w: float) -> None:
         """Take the robot, and the rate w [1/s] at which errors of q_r decay."""
-        self._nominal, self._w = nominal, w
+        self._nominal = nominal
+        self._w = w
         self._posture = pa.laws.Posture(nominal.robot, frequency=_RETURN * w)
 
     def rate(self, q_r: np.ndarray, x: np.ndarray, xd: np.ndarray) -> np.ndarray:

@@ -66,7 +66,8 @@ class JointTracking(pa.laws.Law):
         return InverseKinematics(self.nominal, self.w)
 
     def _start(self, sensed: SensedState) -> Integrals:
-        q, x = sensed.q, sensed.x
+        q = sensed.q
+        x = sensed.x
         assert x is not None  # required at the first sample
         shift = x - self.nominal.position(q) if self.k_x else np.zeros(x.size)
         return Integrals(q.copy(), shift, np.zeros(q.size))

@@ -33,18 +33,19 @@ def kalman_filter(
         deviation: of the coordinates of a body at the start; 0.1: its mass to 20 %.
         walk: deviation that a coordinate of a body gains in one second.
     """
-    dynamics, motion, physical = problem.dynamics, problem.learned, problem.physical
-    bodies, size = physical.bodies, PER_BODY * physical.bodies
+    dynamics = problem.dynamics
+    motion = problem.learned
+    physical = problem.physical
+    bodies = physical.bodies
+    size = PER_BODY * physical.bodies
     roots = np.linalg.cholesky(physical.matrices(physical.center))
     tens = np.linalg.pinv(COLUMNS)
     x = np.concatenate([np.zeros(size), dynamics.initial[size:]])
     P = np.diag(np.concatenate([np.full(size, deviation), _TYPICAL * dynamics.typical[size:]]) ** 2)
     Q = np.diag(np.where(np.arange(len(x)) < size, walk**2 * motion.period, 0.0))
-    R, stored, last = (
-        np.diag((noise * problem.noise) ** 2),
-        list[tuple[float, np.ndarray]](),
-        -np.inf,
-    )
+    R = np.diag((noise * problem.noise) ** 2)
+    stored = list[tuple[float, np.ndarray]]()
+    last = -np.inf
     started = process_time()
     for t, q, v, acceleration, tau in zip(*motion[:-1], strict=True):
         a, slope = parameters(x, roots, tens)

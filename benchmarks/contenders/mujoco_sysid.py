@@ -42,13 +42,15 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     sysid: Any = import_module("mujoco.sysid")
     if not hasattr(sysid, "optimize"):
         raise ModuleNotFoundError("mujoco[sysid]")
-    dynamics, motion = problem.dynamics, problem.learned
+    dynamics = problem.dynamics
+    motion = problem.learned
     thin = max(int(problem.windows.length / (_PER_WINDOW * motion.period)), 1)
     t, q, v, a, tau = (
         part[: len(part) // thin * thin].reshape(-1, thin, *part.shape[1:]).mean(axis=1)
         for part in motion[:-1]
     )
-    names, physical = problem.robot.joint_names, problem.physical
+    names = problem.robot.joint_names
+    physical = problem.physical
     robot = dynamics.robot(physical.center, problem.robot)
     spec = mujoco.MjSpec.from_string(robot.mjcf())
     spec.compiler.balanceinertia = spec.compiler.boundmass = 0
@@ -61,7 +63,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             objname=name,
         )
-    model, carriers = spec.compile(), [spec.joint(name).parent.name for name in names]
+    model = spec.compile()
+    carriers = [spec.joint(name).parent.name for name in names]
     parameters = sysid.ParameterDict()
     for carrier in carriers:
         options = {"inertia_type": sysid.InertiaType.Pseudo, "modifier": _body_writer(carrier)}
@@ -71,7 +74,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     for name in names:
         for ours, theirs in _JOINTS.items():
             word = f"{name}.{ours}"
-            most, write_one = _MOST * typical[word], _writer(name, theirs)
+            most = _MOST * typical[word]
+            write_one = _writer(name, theirs)
             parameters.add(sysid.Parameter(word, start[word], 0.0, most, modifier=write_one))
     most = _MOST * np.array([typical[f"{name}.{_OFFSET}"] for name in names])
     parameters.add(sysid.Parameter(_OFFSET, np.zeros(len(names)), -most, most))
@@ -93,7 +97,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
         **mappings: Any,
     ) -> list[Any]:
         """Return the torques at all samples but the first, as of a rollout."""
-        data, found = datas[0], []
+        data = datas[0]
+        found = []
         state = sysid.TimeSeries(
             t[1:], np.column_stack([t, q, v])[1:], mappings["rollout_state_mapping"]
         )
@@ -116,7 +121,8 @@ def mujoco_sysid(problem: LearningProblem) -> Estimates:
     with redirect_stdout(StringIO()):
         found, _ = sysid.optimize(parameters, residual, verbose=False)
     seconds = process_time() - started
-    inverse, parts = np.linalg.pinv(COLUMNS), list[float]()
+    inverse = np.linalg.pinv(COLUMNS)
+    parts = list[float]()
     for carrier in carriers:
         theta = found[f"{carrier}_inertia"].value
         J = sysid.model_modifier.pseudoinertia_from_pi(sysid.model_modifier.pi_from_theta(theta))
@@ -133,10 +139,13 @@ def _body_writer(name: str) -> Callable[[Any, Any], None]:
     model_modifier: Any = import_module("mujoco.sysid").model_modifier
 
     def write(spec: Any, parameter: Any) -> None:
-        pi, body = model_modifier.pi_from_theta(parameter.value), spec.body(name)
+        pi = model_modifier.pi_from_theta(parameter.value)
+        body = spec.body(name)
         cross = model_modifier.skew(pi[1:4] / pi[0])
         inertia = pi[4:].reshape(3, 3) + pi[0] * cross @ cross
-        body.mass, body.ipos, body.iquat = pi[0], pi[1:4] / pi[0], [1.0, 0.0, 0.0, 0.0]
+        body.mass = pi[0]
+        body.ipos = pi[1:4] / pi[0]
+        body.iquat = [1.0, 0.0, 0.0, 0.0]
         body.inertia = np.zeros(3)
         body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 

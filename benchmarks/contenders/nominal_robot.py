@@ -18,7 +18,8 @@ class NominalRobot:
 
     def __init__(self, robot: pa.Robot) -> None:
         """Take the robot; its task is a position, its configurations are n numbers."""
-        self.robot, self._model = robot, robot.model.copy()
+        self.robot = robot
+        self._model = robot.model.copy()
         self._data = self._model.createData()
         efforts = np.array(self._model.effortLimit)
         self.limits = np.where(efforts > 0.0, efforts, np.inf)
@@ -29,7 +30,8 @@ class NominalRobot:
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Return J (m, n) at q (n)."""
-        frame, axes = self.robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+        frame = self.robot.frame_id
+        axes = pin.LOCAL_WORLD_ALIGNED
         J = pin.computeFrameJacobian(self._model, self._data, q, frame, axes)
         return np.asarray(J[self.robot.frame_task.rows])
 

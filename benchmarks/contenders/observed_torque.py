@@ -58,7 +58,9 @@ class ObservedTorque(pa.laws.ResolvedAcceleration):
         return Memory(self._start, self._rates)
 
     def _start(self, sensed: SensedState) -> Integrals:
-        q, v, x = sensed.q, sensed.v, sensed.x
+        q = sensed.q
+        v = sensed.v
+        x = sensed.x
         assert x is not None  # required at the first sample
         offset = np.zeros(x.size) if self.seen else x - self.nominal.position(q)
         return Integrals(offset, self.nominal.momentum(q, v))

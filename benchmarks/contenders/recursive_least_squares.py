@@ -25,9 +25,14 @@ def recursive_least_squares(problem: LearningProblem, memory: float = np.inf) ->
         problem: the motion and the model.
         memory: time in which old samples lose all but 1 / e of their weight [s].
     """
-    dynamics, base, motion = problem.dynamics, problem.base, problem.learned
-    R, P = np.diag(problem.noise**2), _VARIANCE * np.eye(len(base))
-    a, stored, last = dynamics.initial.copy(), list[tuple[float, np.ndarray]](), -np.inf
+    dynamics = problem.dynamics
+    base = problem.base
+    motion = problem.learned
+    R = np.diag(problem.noise**2)
+    P = _VARIANCE * np.eye(len(base))
+    a = dynamics.initial.copy()
+    stored = list[tuple[float, np.ndarray]]()
+    last = -np.inf
     dynamics.load(a)
     started = process_time()
     left = np.exp(-motion.period / memory)

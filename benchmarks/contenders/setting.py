@@ -57,7 +57,8 @@ class Setting:
     def damping(self) -> np.ndarray:
         """The diagonal (n) of the default's own K_D at home [N m s/rad]."""
         controller = self.controller(adaptation="none")
-        law, a_d = controller.law, controller.dynamics.initial
+        law = controller.law
+        a_d = controller.dynamics.initial
         assert isinstance(law, pa.laws.Separation)
         return np.diag(law.K_D(self.nominal.q0, a_d)).copy()
 
@@ -82,7 +83,8 @@ class Setting:
 @lru_cache
 def setting(robot: str, sensors: str) -> Setting:
     """Return the setting of a robot of the catalogue with sensors by name."""
-    case, found = zoo_case(robot), pa.reachable_circle(pa.load(robot))
+    case = zoo_case(robot)
+    found = pa.reachable_circle(pa.load(robot))
     whole = Setting(
         case.true, case.estimated, found.plane, found.phase, case.radius, SENSORS[sensors]
     )
@@ -93,10 +95,13 @@ def setting(robot: str, sensors: str) -> Setting:
 
 def _speeds(of: Setting, period: float) -> np.ndarray:
     """Return the largest joint speeds (n) [rad/s] on the circle of a period [s]."""
-    path, q, largest = of.circle(period), of.true.q0, np.zeros(of.true.model.nv)
+    path = of.circle(period)
+    q = of.true.q0
+    largest = np.zeros(of.true.model.nv)
     follow = InverseKinematics(NominalRobot(of.true), of.w)
     for t in np.arange(0.0, 1.5 * period, _STEP):
         desired = path.at(t)
         rate = follow.rate(q, desired.x_d, desired.xd_d)
-        q, largest = q + _STEP * rate, np.maximum(largest, np.abs(rate))
+        q = q + _STEP * rate
+        largest = np.maximum(largest, np.abs(rate))
     return largest

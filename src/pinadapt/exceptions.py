@@ -30,7 +30,9 @@ class PinadaptError(Exception):
         self, what: str, *, where: str | Path | None = None, hint: str | None = None
     ) -> None:
         """Put what, where and hint into one message."""
-        self.what, self.where, self.hint = what, str(where) if where else None, hint
+        self.what = what
+        self.where = str(where) if where else None
+        self.hint = hint
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} {hint}" if hint else message)
 
@@ -152,7 +154,8 @@ class DivergedError(PinadaptError):
 
     def __init__(self, reason: str, time: float | None = None) -> None:
         """Keep the reason and the time [s]."""
-        self.reason, self.time = reason, time
+        self.reason = reason
+        self.time = time
         super().__init__(reason)
 
 

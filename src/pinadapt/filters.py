@@ -135,9 +135,12 @@ class MotionFilters(Filters):
             InputError: the state of other filters.
         """
         if state.__class__ is np.ndarray and state.ndim == 1:
-            X_k, p_hat = kinematics.X_k, kinematics.p_hat
+            X_k = kinematics.X_k
+            p_hat = kinematics.p_hat
             x: Any = sensed.x
-            W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
+            W_k = empty(X_k.shape)
+            y = empty(p_hat.size)
+            a = empty(kinematics.nv)
             if kernels.filtered_rates(
                 state, X_k, p_hat, kinematics.a_k, x, self.task_velocity,
                 sensed.v, self.joint_velocity, W_k, y, a,
@@ -147,7 +150,8 @@ class MotionFilters(Filters):
 
     def step(self, state: np.ndarray, s: Signals, dt: float) -> np.ndarray:
         """Return the state after dt [s] with X_k, x - x_0 and v held: exact for any dt."""
-        filtered, after = s.filtered, empty(state.size)
+        filtered = s.filtered
+        after = empty(state.size)
         kernels.advance(
             state, filtered.W_k, filtered.y, filtered.a,
             self.task_velocity, self.joint_velocity, dt, after,
@@ -234,7 +238,9 @@ class PositionObserver(Filters):
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
-        m, n, x = kinematics.positions, kinematics.nv, np.asarray(sensed.x)
+        m = kinematics.positions
+        n = kinematics.nv
+        x = np.asarray(sensed.x)
         kinematics.update(kinematics.initial, sensed.q, sensed.v)
         ahead = self.lead * kinematics.xd_hat
         memory = np.append(x[:m] - ahead[:m], 0.0)
@@ -250,7 +256,8 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m, n = kinematics.positions, kinematics.nv
+        m = kinematics.positions
+        n = kinematics.nv
         x: Any = sensed.x
         if (
             state.__class__ is not ObserverState
@@ -260,7 +267,8 @@ class PositionObserver(Filters):
         ):
             raise InputError("the filters are those of another controller.", where="state")
         memory, s_f, disturbance, R = state
-        dx_o, eta = empty(m), R
+        dx_o = empty(m)
+        eta = R
         kernels.observed(memory, self.lead, kinematics.xd_hat, x, dx_o)
         if R.size:
             R_o = turned(R, (memory[-1] + self.lead) * kinematics.xd_hat[3:])
@@ -290,10 +298,13 @@ class PositionObserver(Filters):
 
         The last one is half of (omega_o, 0) times R_o.
         """
-        dx_o, s_f, R = s.filtered.dx_o, state.s_f, state.R
+        dx_o = s.filtered.dx_o
+        s_f = state.s_f
+        R = state.R
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
-        moved, grown = np.zeros(state.memory.size), np.zeros(state.disturbance.size)
+        moved = np.zeros(state.memory.size)
+        grown = np.zeros(state.disturbance.size)
         moved[: dx_o.size] = s.xd_hat[: dx_o.size] - self.beta * dx_o
         if s.residual is not None:
             grown = self.lambda_d * (s.residual - state.disturbance)
@@ -399,7 +410,8 @@ class FilteredRegressor:
         """
         self.dynamics: Dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
-        self.motors, self.constraints = motors, constraints
+        self.motors = motors
+        self.constraints = constraints
 
     def init(
         self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None
@@ -463,7 +475,8 @@ class FilteredRegressor:
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
         W = fast - Z
         if tau is not None:
-            y, held = y + share_tau * state.projected(tau - held), tau
+            y = y + share_tau * state.projected(tau - held)
+            held = tau
         if free:
             y = y + share_u * (free[0].dot(held) - state.projected(held))
         now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway, free)

@@ -79,7 +79,8 @@ class JointMotion:
         """
         sign = np.array([1.0, -1.0])[:, None, None]
         room = np.maximum(efforts - sign * self.still, _RESERVE * efforts)
-        half, c = 0.5 * sign * self.drag / room, sign * self.curve / room
+        half = 0.5 * sign * self.drag / room
+        c = sign * self.curve / room
         square = half**2 + c
         root = half + np.sqrt(np.maximum(square, 0.0))
         found = {
@@ -119,7 +120,8 @@ def joint_motion(
         raise InputError(
             "how fast a robot with constraints can move is not computed.", where="motion"
         )
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):
         h = float(s[1] - s[0])
@@ -149,7 +151,9 @@ def _followed(
     Damped least squares; all rows of errors and Jacobians are in m, rotations times the reach. The
     search for the first configuration begins at q (nq).
     """
-    model, data, reach = robot.model, robot.model.createData(), robot.reach
+    model = robot.model
+    data = robot.model.createData()
+    reach = robot.reach
     arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
     posture = Posture(robot)
     share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
@@ -178,7 +182,8 @@ def _followed(
         if error < 1e-8:
             break
         q = after
-    poses, off = [], []
+    poses = []
+    off = []
     for pair in zip(targets, [*targets[1:], targets[-1]], strict=True):
         poses.append(q)
         q, error = stepped(q, *pair, share)
@@ -233,7 +238,8 @@ def within_limits(
     positive(share, "share", error=InputError)
     positive(horizon, "horizon", error=InputError)
     positive(margin, "margin", zero=True, error=InputError)
-    n, most = robot.model.nv, torque_limits(robot, efforts)
+    n = robot.model.nv
+    most = torque_limits(robot, efforts)
     most = np.full(n, np.inf) if most is None else most
     accelerations: float | np.ndarray = np.inf
     if acceleration is not None:
@@ -249,7 +255,8 @@ def within_limits(
             f"{last:.3g} s of its own time.",
             stacklevel=2,
         )
-    speeds, usable = share * velocity_limits(robot.model), share / (1.0 + margin) * most
+    speeds = share * velocity_limits(robot.model)
+    usable = share / (1.0 + margin) * most
     needed = joints.slowness(speeds, usable, accelerations)
     kind = max(needed, key=lambda each: float(needed[each].max()))
     slowness = max(1.0, float(needed[kind].max()))
@@ -278,7 +285,8 @@ class Approach(Derived):
                 duration that is not positive.
         """
         super().__init__(motion)
-        self._task, self._first = task, motion.at(0.0).x_d
+        self._task = task
+        self._first = motion.at(0.0).x_d
         self.duration = positive(duration, "duration", error=InputError)
         if self.settles is not None:
             self.settles += self.duration
@@ -320,9 +328,11 @@ class SmallExcitation(Trajectory):
         Raises:
             InputError: a duration that is not positive.
         """
-        model, n = robot.model, robot.model.nv
+        model = robot.model
+        n = robot.model.nv
         self.duration = self.settles = positive(duration, "duration")
-        home, size = robot.home_angles, 0.05 * robot.reach
+        home = robot.home_angles
+        size = 0.05 * robot.reach
         J = pin.computeFrameJacobian(
             model, model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         )
@@ -380,7 +390,8 @@ def starting_from(
     if motion.exact:
         return motion
     motion = motion.from_rest(duration=duration)
-    x, first = task.measured(measurement.x, measurement.q), motion.at(0.0).x_d
+    x = task.measured(measurement.x, measurement.q)
+    first = motion.at(0.0).x_d
     sizes = np.repeat([robot.reach, 1.0], [task.lengths, task.size - task.lengths])
     if (np.abs(task.error(x, first)) <= _THERE * sizes).all():
         return motion

@@ -111,7 +111,8 @@ def test_natural_adaptation_is_coordinate_free():
     """Adaptation commutes with a change of frames and units, unlike gradient adaptation."""
     rng = np.random.default_rng(9)
     cone = pa.adaptation.BodyInequality(["a"])
-    a, g = bodies(rng, 1), rng.standard_normal(10)
+    a = bodies(rng, 1)
+    g = rng.standard_normal(10)
     placement = pin.SE3.Random()
 
     def move(pi):

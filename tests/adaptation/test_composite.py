@@ -107,28 +107,35 @@ def test_composite_adaptation_of_a_panda_is_at_least_twice_as_fast():
 def test_least_squares_without_forgetting_equals_the_weighted_fit():
     """Steps of any length solve min sum dt |W a - y|_R^2 + |a - a_0|^2 in the metric P(0)^-1."""
     rng, p, n, dt = np.random.default_rng(0), 4, 2, 0.3
-    P_0, R = np.diag(rng.uniform(0.5, 2.0, p)), np.array([[2.0, 0.3], [0.3, 1.0]])
+    P_0 = np.diag(rng.uniform(0.5, 2.0, p))
+    R = np.array([[2.0, 0.3], [0.3, 1.0]])
     adaptation = pa.adaptation.LeastSquares(P_0, p, 10.0, weight=R, forgetting=0.0)
     a_0 = rng.standard_normal(p)
-    estimate, information, right = adaptation.init(a_0), np.linalg.inv(P_0), np.zeros(p)
+    estimate = adaptation.init(a_0)
+    information = np.linalg.inv(P_0)
+    right = np.zeros(p)
     for _ in range(30):
-        W, y = rng.standard_normal((n, p)), rng.standard_normal(n)
+        W = rng.standard_normal((n, p))
+        y = rng.standard_normal(n)
         drive = pa.adaptation.Drive(np.zeros((1, p)), None).with_prediction_error(
             W, W @ estimate.value - y
         )
         estimate = adaptation.step(estimate, drive, dt)
-        information, right = information + dt * W.T @ R @ W, right + dt * W.T @ R @ (y - W @ a_0)
+        information = information + dt * W.T @ R @ W
+        right = right + dt * W.T @ R @ (y - W @ a_0)
     assert np.allclose(estimate.value, a_0 + np.linalg.solve(information, right), atol=1e-12)
     assert np.allclose(estimate.memory[0], information, rtol=1e-12)
 
 
 def test_gain_with_forgetting_stays_bounded():
     """P <= P(0) for any step, and without excitation P returns to P(0)."""
-    rng, p = np.random.default_rng(0), 5
+    rng = np.random.default_rng(0)
+    p = 5
     adaptation = pa.adaptation.LeastSquares(
         np.linspace(0.5, 2.0, p), p, 10.0, weight=10.0, forgetting=3.0
     )
-    estimate, excess = adaptation.init(np.zeros(p)), []
+    estimate = adaptation.init(np.zeros(p))
+    excess = []
     for k in range(400):
         W = rng.standard_normal((2, p)) if k < 200 else np.zeros((2, p))
         drive = pa.adaptation.Drive(np.zeros((1, p)), None).with_prediction_error(W, np.zeros(2))

@@ -104,10 +104,8 @@ def test_memory_term_is_that_of_dense_algebra_and_bounded_by_the_metric():
     adaptation, estimate, truth = excited(share=0.25)
     A, b = equations(estimate.memory)
     assert np.allclose(A @ truth, b, rtol=1e-12)
-    Gamma, rest = (
-        adaptation.gain(pa.adaptation.Estimate(truth)),
-        shown(truth, np.zeros((2, 6)), estimate),
-    )
+    Gamma = adaptation.gain(pa.adaptation.Estimate(truth))
+    rest = shown(truth, np.zeros((2, 6)), estimate)
     P = Gamma / 0.25
     columns = [
         -adaptation.rate(estimate.with_value(truth + e), rest).value / 3.0 for e in np.eye(6)
@@ -121,7 +119,8 @@ def test_memory_term_is_that_of_dense_algebra_and_bounded_by_the_metric():
     off = estimate.value - truth
     stated = adaptation.dissipation(estimate, rest, truth)
     assert stated == pytest.approx(-3.0 / 0.25 * off @ H @ off, rel=1e-9)
-    Y, e = np.random.default_rng(5).standard_normal((2, 6)), np.ones(2)
+    Y = np.random.default_rng(5).standard_normal((2, 6))
+    e = np.ones(2)
     beside = pa.adaptation.Drive(Y, e).with_prediction_error(rest.W, rest.residual)
     tracking = adaptation.rate(estimate, beside).value - adaptation.rate(estimate, rest).value
     assert np.allclose(tracking, -0.25 * P @ Y.T @ e, rtol=1e-9)  # kappa times as fast as by P
@@ -133,7 +132,8 @@ def innovation(adaptation, estimate, W, residual):
     P = adaptation.gain(estimate) / adaptation.share
     p = len(P)
     own = P @ np.linalg.solve(np.eye(p) + A @ P, A @ estimate.value - b)
-    r, noise = residual - W @ own, np.diag(np.broadcast_to(adaptation.noise**2, len(W)))
+    r = residual - W @ own
+    noise = np.diag(np.broadcast_to(adaptation.noise**2, len(W)))
     S = W @ np.linalg.inv(np.linalg.inv(P) + A) @ W.T
     return r @ np.linalg.solve(S + noise, r) / len(W)
 
@@ -147,12 +147,14 @@ def test_data_fade_as_they_are_contradicted_at_most_at_the_bandwidth(contradicti
     y = W @ truth + contradiction * rng.standard_normal(2)
     drive, (A, b) = predicting(W, y, estimate), equations(estimate.memory)
     d = innovation(adaptation, estimate, W, drive.residual)
-    mu, R = 2.0 * d * 10.0 / (2.0 * d + 10.0), 10.0 / 0.01**2
+    mu = 2.0 * d * 10.0 / (2.0 * d + 10.0)
+    R = 10.0 / 0.01**2
     rate = adaptation.rate(estimate, drive)
     A_rate, b_rate = equations(rate.memory)
     assert np.abs(A_rate - R * W.T @ W + mu * A).max() < 1e-9 * R * np.abs(W.T @ W).max()
     assert np.abs(b_rate - R * W.T @ y + mu * b).max() < 1e-9 * np.abs(R * W.T @ y).max()
-    after, kept = adaptation.step(estimate, drive, 0.05), np.exp(-0.05 * mu)
+    after = adaptation.step(estimate, drive, 0.05)
+    kept = np.exp(-0.05 * mu)
     assert np.allclose(equations(after.memory)[0], kept * A + 0.05 * R * W.T @ W, rtol=1e-9)
     assert {0.0: mu < 2e-3, 1e3: 9.9 < mu < 10.0}.get(contradiction, 2e-3 < mu < 10.0), mu
 
@@ -161,7 +163,9 @@ def test_memory_forgets_only_contradicted_data():
     adaptation, estimate, truth = remembering(rate=6.0, forgetting=2.0)
     unforgetting, never, _ = remembering(rate=6.0)
     information = lambda one: np.trace(one.memory[0][:-1, :-1])  # noqa: E731
-    rng, dt, sizes = np.random.default_rng(3), 1e-3, []
+    rng = np.random.default_rng(3)
+    dt = 1e-3
+    sizes = []
     for k in range(2500):
         W = rng.standard_normal((2, 6))
         now = truth if k < 1000 else truth + 1.0
@@ -184,7 +188,8 @@ def test_sampled_it_tends_to_its_differential_equation():
     """Steps of Euler a hundred times as fine; halving the period halves the difference."""
     inner = pa.adaptation.ExponentiatedGradient(2.0, np.ones(6))
     gains = {"rate": 3.0, "noise": 0.1, "forgetting": 5.0, "share": 0.25}
-    adaptation, rng = pa.adaptation.CompositeMemory(inner, 10.0, **gains), np.random.default_rng(4)
+    adaptation = pa.adaptation.CompositeMemory(inner, 10.0, **gains)
+    rng = np.random.default_rng(4)
     truth, start = rng.uniform(0.5, 2.0, (2, 6))
     turned, Y = rng.standard_normal((2, 2, 6))
 
@@ -196,7 +201,8 @@ def test_sampled_it_tends_to_its_differential_equation():
 
     ends = []
     for steps in (50, 100, 10000):
-        estimate, dt = adaptation.init(start), 0.2 / steps
+        estimate = adaptation.init(start)
+        dt = 0.2 / steps
         for k in range(steps):
             now = drive(dt * k, estimate)
             if steps < 1000:
@@ -215,11 +221,14 @@ def test_sampled_it_tends_to_its_differential_equation():
 def test_bodies_stay_physical_with_any_memory():
     """Contradictory data, of torques that no body causes, and long steps."""
     controller = pa.make_controller(catalogue_robot("ur5"), adaptation="natural-memory")
-    adaptation, rng = controller.adaptation_d, np.random.default_rng(0)
+    adaptation = controller.adaptation_d
+    rng = np.random.default_rng(0)
     start = controller.dynamics.initial
-    estimate, p = adaptation.init(start), start.size
+    estimate = adaptation.init(start)
+    p = start.size
     for _ in range(300):
-        W, Y = rng.standard_normal((6, p)), rng.standard_normal((6, p))
+        W = rng.standard_normal((6, p))
+        Y = rng.standard_normal((6, p))
         drive = pa.adaptation.Drive(Y, 100.0 * rng.standard_normal(6))
         drive = drive.with_prediction_error(W, 1e3 * rng.standard_normal(6))
         estimate = adaptation.step(estimate, drive, 0.05)
@@ -242,7 +251,8 @@ def circling(name, friction=False):
 def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
     """Tool, load and inertias unknown; with known ones the error is a micrometre."""
     robot, true, path = circling("panda")
-    nominal, last = robot.changed(inertial_scale=0.7), {}
+    nominal = robot.changed(inertial_scale=0.7)
+    last = {}
     for who, controller in {
         "informed": pa.make_controller(
             true, adaptation="none", unknown=pa.Unknown(friction=False, armature=False)

@@ -25,7 +25,8 @@ def planar(**options):
 
 def arm(name, plane="yz", **options):
     robot = catalogue_robot(name)
-    true, nominal = with_tool_and_load(robot), robot.changed(inertial_scale=0.8)
+    true = with_tool_and_load(robot)
+    nominal = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(nominal, **{**SLOW, **FIT, **options})
     return true, controller, circle_beside(true, plane), {}
 
@@ -101,12 +102,14 @@ def test_base_and_tool_are_both_identified():
 
 def test_directional_forgetting_acts_on_each_direction():
     """With one parameter unexcited the other is followed; bounded-gain forgetting stops both."""
-    W, ends = np.array([[1.0, 0.0]]), {}
+    W = np.array([[1.0, 0.0]])
+    ends = {}
     for directional in (False, True):
         fit = pa.adaptation.LeastSquares(
             1.0, 2, weight=10.0, forgetting=1.0, directional=directional
         )
-        estimate, excess = fit.init(np.zeros(2)), []
+        estimate = fit.init(np.zeros(2))
+        excess = []
         for k in range(2000):
             truth = np.array([1.0 if k < 1000 else 2.0, 0.0])
             drive = pa.adaptation.Drive(np.zeros((1, 2)), None).with_prediction_error(
@@ -126,7 +129,8 @@ def test_box_projects_in_the_metric_of_the_present_gain():
         pa.adaptation.LeastSquares(1.0, 3, weight=50.0), -np.ones(3), np.ones(3)
     )
     for _ in range(30):
-        estimate, truth = box.init(np.zeros(3)), rng.uniform(-1.0, 1.0, 3)
+        estimate = box.init(np.zeros(3))
+        truth = rng.uniform(-1.0, 1.0, 3)
         for _ in range(5):
             W = rng.standard_normal((1, 3))
             noisy = W @ (estimate.value - truth) + rng.standard_normal(1)

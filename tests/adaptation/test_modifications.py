@@ -49,7 +49,9 @@ START, TRUTH = np.array([1.2, 0.15, 1.4]), np.array([0.9, 0.4, 1.1])
 def drive_at(a, rng_seed=0, noise=0.0):
     """Return a drive with both parts, whose prediction error is W da and noise."""
     rng = np.random.default_rng(rng_seed)
-    Y, e, W = rng.standard_normal((2, 3)), rng.standard_normal(2), rng.standard_normal((2, 3))
+    Y = rng.standard_normal((2, 3))
+    e = rng.standard_normal(2)
+    W = rng.standard_normal((2, 3))
     residual = W @ (a - TRUTH) + noise * rng.standard_normal(2)
     return pa.adaptation.Drive(Y, e).with_prediction_error(W, residual)
 
@@ -106,15 +108,18 @@ def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
 def test_small_steps_follow_the_rate(inner):
     adaptation = INNER[inner]()
     estimate = begun(adaptation)
-    drive, h = drive_at(estimate.value, noise=0.1), 1e-6
-    rate, after = adaptation.rate(estimate, drive), adaptation.step(estimate, drive, h)
+    drive = drive_at(estimate.value, noise=0.1)
+    h = 1e-6
+    rate = adaptation.rate(estimate, drive)
+    after = adaptation.step(estimate, drive, h)
     for new, old, slope in zip(*map(leaves, (after, estimate, rate)), strict=True):
         assert np.abs((new - old) / h - slope).max() <= 1e-4 * np.abs(slope).max()
 
 
 @pytest.mark.parametrize("inner", INNER)
 def test_the_gain_is_that_of_a_gradient(inner):
-    adaptation, G = INNER[inner](), np.random.default_rng(0).standard_normal((3, 4))
+    adaptation = INNER[inner]()
+    G = np.random.default_rng(0).standard_normal((3, 4))
     estimate = begun(adaptation)
     rates = [adaptation.rate(estimate, along(g)).value for g in G.T]
     assert np.allclose(adaptation.gain_times(estimate, G), -np.array(rates).T, rtol=1e-12)
@@ -170,11 +175,14 @@ def test_dead_zone_is_continuous_and_zero_inside():
 @pytest.mark.parametrize("inner", ["gradient", "least squares", "natural"])
 def test_noise_inside_the_dead_zone_never_increases_v(inner):
     """Prediction error with noise n of at most the zone, R = 1: V never increases, for any n."""
-    own, rng, rises = INNER[inner](), np.random.default_rng(4), 0
+    own = INNER[inner]()
+    rng = np.random.default_rng(4)
+    rises = 0
     zone = pa.adaptation.DeadZone(own, None, 0.3)
     estimate = zone.init(START)
     for _ in range(300):
-        W, n = rng.standard_normal((2, 3)), rng.uniform(-0.3, 0.3, 2)
+        W = rng.standard_normal((2, 3))
+        n = rng.uniform(-0.3, 0.3, 2)
         residual = W @ (estimate.value - TRUTH) + n
         drive = pa.adaptation.Drive(np.zeros((1, 3)), None, W, residual, np.eye(2))
         V = [a.storage(a.step(estimate, drive, 1e-4), TRUTH) for a in (zone, own)]
@@ -188,7 +196,8 @@ def test_noise_inside_the_dead_zone_never_increases_v(inner):
 def test_normalised_adaptation_is_bounded_for_large_regressors():
     rng = np.random.default_rng(5)
     slow = pa.adaptation.Normalised(pa.adaptation.Gradient([0.5, 1.0, 2.0], 3), 3.0)
-    start, e = slow.init(np.zeros(3)), np.array([0.3, -0.4])
+    start = slow.init(np.zeros(3))
+    e = np.array([0.3, -0.4])
     for size in np.geomspace(1e-2, 1e4, 20):
         Y = size * rng.standard_normal((2, 3))
         rate = slow.rate(start, pa.adaptation.Drive(Y, e)).value

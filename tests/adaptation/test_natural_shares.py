@@ -27,7 +27,8 @@ def test_each_body_adapts_with_its_own_gain():
     cone, a, _ = bodies()
     g = np.random.default_rng(0).standard_normal(30)
     together = pa.adaptation.Natural(0.3, cone, shares=SHARES)
-    drive, start = Drive(g[None], None, gradient=g), Estimate(a)
+    drive = Drive(g[None], None, gradient=g)
+    start = Estimate(a)
     for body, share in enumerate(SHARES):
         mine = slice(10 * body, 10 * body + 10)
         alone = pa.adaptation.Natural(0.3 * share, cone)

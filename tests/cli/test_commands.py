@@ -96,10 +96,8 @@ def test_summary_and_rollout_have_the_documented_keys_and_arrays(finished):
 
 
 def test_divergence_leaves_the_outputs_up_to_that_time(diverged):
-    summary, arrays = (
-        json.loads((diverged / "summary.json").read_text()),
-        np.load(diverged / "rollout.npz"),
-    )
+    summary = json.loads((diverged / "summary.json").read_text())
+    arrays = np.load(diverged / "rollout.npz")
     assert 0.0 < summary["diverged"] < 1.0
     assert summary["steps"] == len(arrays["t"]) == len(arrays["tau"]) == len(arrays["a_d"])
     assert np.isclose(arrays["t"][-1] + 1e-3, summary["diverged"])

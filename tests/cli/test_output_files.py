@@ -49,7 +49,8 @@ def forked(work):
 
 def killed_at(monkeypatch, name, count):
     """End this process at the ``count``-th call of a method of ``Path``."""
-    method, calls = getattr(Path, name), []
+    method = getattr(Path, name)
+    calls = []
 
     def mortal(*arguments, **options):
         calls.append(1)

@@ -17,14 +17,18 @@ from tests.constraints.test_standing import TRUNK, standing
 def test_legs_tell_where_a_moving_base_is():
     """Along a motion that keeps the feet; joints, pitch and roll are all that is read."""
     robot = standing("a1")
-    legs, constraints = BaseFromLegs(robot), robot.constrained
-    q, dt, rng = robot.q0.copy(), 1e-3, np.random.default_rng(0)
+    legs = BaseFromLegs(robot)
+    constraints = robot.constrained
+    q = robot.q0.copy()
+    dt = 1e-3
+    rng = np.random.default_rng(0)
     wish = 0.2 * rng.standard_normal(6)
     for _ in range(300):
         A, _ = constraints.at(q, np.zeros(18))
         v = np.append(wish, np.zeros(12))
         v[6:] = np.linalg.solve(A[:, 6:], -A[:, :6] @ wish)
-        blind_q, blind_v = q.copy(), v.copy()
+        blind_q = q.copy()
+        blind_v = v.copy()
         blind_q[:6], blind_v[:6] = np.nan, np.nan
         found, rate = legs(blind_q, blind_v, q[4:6], v[4:6])
         assert np.allclose(found, q, atol=1e-4) and np.allclose(rate, v, atol=1e-9)
@@ -33,7 +37,9 @@ def test_legs_tell_where_a_moving_base_is():
 
 def test_a_foot_that_came_down_elsewhere_is_a_new_foothold():
     robot = standing("a1")
-    legs, still, q = BaseFromLegs(robot), np.zeros(18), robot.q0
+    legs = BaseFromLegs(robot)
+    still = np.zeros(18)
+    q = robot.q0
     crawl = Crawl(steps=1).on(robot)
     for t in np.arange(0.0, crawl.settles, 0.01):
         desired = crawl.at(t)

@@ -28,7 +28,9 @@ def loaded(robot):
 @pytest.mark.parametrize("name", LOADS)
 def test_jacobian_and_rates_are_those_of_pinocchio_and_of_differences(name):
     robot = standing(name, task="com")
-    kinematics, rng, none = ComKinematics(robot), np.random.default_rng(0), np.zeros(0)
+    kinematics = ComKinematics(robot)
+    rng = np.random.default_rng(0)
+    none = np.zeros(0)
     q, (v, a) = robot.q0.copy(), rng.standard_normal((2, robot.model.nv))
     q += 0.3 * rng.standard_normal(q.size)
     check_motion(kinematics, (q, v, a), none, none, accuracy=5e-11)
@@ -43,7 +45,8 @@ def test_jacobian_and_rates_are_those_of_pinocchio_and_of_differences(name):
 
 def test_a_load_does_not_move_x_which_nobody_measures():
     robot = standing("a1", task="com")
-    true, q = loaded(robot), robot.q0 + 0.1
+    true = loaded(robot)
+    q = robot.q0 + 0.1
     centre = pin.centerOfMass(robot.model, robot.model.createData(), q)
     assert np.allclose(robot.position(q)[:3], centre, atol=1e-15)
     assert np.array_equal(true.position(q), robot.position(q))
@@ -61,9 +64,11 @@ def test_a_load_does_not_move_x_which_nobody_measures():
 @pytest.mark.parametrize("name", ["a1", pytest.param("talos", marks=pytest.mark.slow)])
 def test_the_reference_acceleration_is_the_derivative_of_the_reference(name):
     """On which dV/dt as an equality rests; the loop below is too slow to show it."""
-    robot, h = standing(name, task="com"), 1e-5
+    robot = standing(name, task="com")
+    h = 1e-5
     controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=False))
-    v, path = np.random.default_rng(1).uniform(-0.5, 0.5, robot.model.nv), Sway(robot)
+    v = np.random.default_rng(1).uniform(-0.5, 0.5, robot.model.nv)
+    path = Sway(robot)
 
     def sample(by):
         measurement = pa.Measurement(0.0, robot.q0 + by * v, v)
@@ -84,7 +89,8 @@ def test_the_reference_acceleration_is_the_derivative_of_the_reference(name):
 @pytest.mark.parametrize("name", LOADS)
 def test_lyapunov_equality(name):
     robot = standing(name, task="com")
-    true, guards = loaded(robot), pa.Limits(guards=False)
+    true = loaded(robot)
+    guards = pa.Limits(guards=False)
     controller = pa.make_controller(robot, unknown=TRUNK, limits=guards)
     path = PoseTrajectory(Circle(np.zeros(3), 2e-3, 1.0), Swing((0.0, 1.0, 0.0), 0.02, 1.0))
     path = path.starting_at(true.position(true.q0))
@@ -95,7 +101,8 @@ def test_lyapunov_equality(name):
 @pytest.mark.slow
 def test_a_load_is_found_while_the_centre_of_mass_moves():
     robot = standing("a1", task="com")
-    true, controller = loaded(robot), pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
+    true = loaded(robot)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
     rollout = pa.simulate(true, controller, Sway(robot), duration=1.8, engine="mujoco")
     assert rollout.distance.max() < 2e-3 and rollout.window(False).max() < 5e-5
     assert rollout.angle[-90:].max() < 1e-4
@@ -105,7 +112,8 @@ def test_a_load_is_found_while_the_centre_of_mass_moves():
 @pytest.mark.slow
 def test_a_crawl_moves_the_centre_of_mass_above_the_feet_that_stand():
     robot = standing("a1", task="com")
-    crawl, controller = Crawl(steps=2).on(robot), pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
+    crawl = Crawl(steps=2).on(robot)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
     above = crawl.at(crawl.shift + 0.5 * crawl.swing)
     three = above.feet.x_d[above.feet.stands][:, :2]
     shares = np.linalg.solve(np.vstack([three.T, np.ones(3)]), np.append(above.x_d[:2], 1.0))
@@ -117,7 +125,8 @@ def test_a_crawl_moves_the_centre_of_mass_above_the_feet_that_stand():
 
 def test_a_reachable_circle_keeps_it_above_the_feet():
     robot = standing("a1", task="com")
-    path, data = pa.reachable_circle(robot), robot.model.createData()
+    path = pa.reachable_circle(robot)
+    data = robot.model.createData()
     assert np.allclose(path.at(0.0).x_d, robot.position(robot.q0), atol=1e-12)
     pin.framesForwardKinematics(robot.model, data, robot.q0)
     feet = np.array([data.oMf[robot.model.getFrameId(foot)].translation for foot in FEET["a1"]])

@@ -12,7 +12,8 @@ from tests.constraints.test_standing import FEET, TRUNK, standing
 
 @pytest.mark.parametrize("slowness", [1.0, 1.7])
 def test_velocities_of_a_crawl_are_those_of_differences(slowness):
-    crawl, h = Crawl(steps=3).on(standing("a1")), 1e-4
+    crawl = Crawl(steps=3).on(standing("a1"))
+    h = 1e-4
     motion = Retimed(crawl, SlowedTime(slowness))
     for t in np.linspace(0.05, slowness * crawl.settles - 0.05, 40).tolist():
         before, now, after = (motion.at(t + sign * h) for sign in (-1.0, 0.0, 1.0))
@@ -26,7 +27,8 @@ def test_velocities_of_a_crawl_are_those_of_differences(slowness):
 
 def test_the_centre_of_mass_is_above_the_feet_that_stand():
     robot = standing("a1")
-    crawl, model = Crawl(steps=8).on(robot), robot.model
+    crawl = Crawl(steps=8).on(robot)
+    model = robot.model
     offset = pin.centerOfMass(model, model.createData(), robot.q0) - robot.q0[:3]
     for k in range(8):
         desired = crawl.at(k * (crawl.shift + crawl.swing) + crawl.shift + 0.5 * crawl.swing)
@@ -43,10 +45,12 @@ def test_the_centre_of_mass_is_above_the_feet_that_stand():
 def test_a_load_is_found_while_walking():
     robot = standing("a1")
     true = robot.changed(payload=pa.Payload(mass=6.0, com=(0.05, 0.02, 0.08)))
-    controller, crawl = pa.make_controller(robot, unknown=TRUNK, dt=2e-3), Crawl(steps=3).on(robot)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
+    crawl = Crawl(steps=3).on(robot)
     rollout = pa.simulate(true, controller, crawl, duration=3.4, engine="mujoco", progress=False)
     assert rollout.distance.max() < 2e-3 and rollout.distance[-250:].max() < 2e-4
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     pin.framesForwardKinematics(model, data, rollout.q[-1])
     feet = [data.oMf[model.getFrameId(foot)].translation for foot in FEET["a1"]]
     assert np.allclose(feet, crawl.footholds[3], atol=1e-3)
@@ -54,7 +58,8 @@ def test_a_load_is_found_while_walking():
         each.model.inertias[robot.carriers[0] + 1].mass for each in (rollout.learned(), true)
     )
     assert found == pytest.approx(truth, rel=0.01)
-    estimator, state = pa.Estimator(robot, "payload"), None
+    estimator = pa.Estimator(robot, "payload")
+    state = None
     measurements = zip(rollout.t, rollout.q, rollout.v, strict=True)
     for k, sample in enumerate(measurements):
         measurement = pa.Measurement(*sample, tau=rollout.tau[max(k - 1, 0)])
@@ -71,13 +76,13 @@ def test_a_load_is_found_while_walking():
 
 def with_feet(robot, q, places, legs=range(4)):
     """Return q (18) with feet of these legs at their places (4, 3), by steps of Newton."""
-    model, data, q = robot.model, robot.model.createData(), q.copy()
+    model = robot.model
+    data = robot.model.createData()
+    q = q.copy()
     for _ in range(20):
         for leg in legs:
-            foot, dofs = (
-                model.getFrameId(robot.contacts[leg].frame),
-                slice(6 + 3 * leg, 9 + 3 * leg),
-            )
+            foot = model.getFrameId(robot.contacts[leg].frame)
+            dofs = slice(6 + 3 * leg, 9 + 3 * leg)
             J = pin.computeFrameJacobian(model, data, q, foot, pin.LOCAL_WORLD_ALIGNED)[:3, dofs]
             off = pin.updateFramePlacement(model, data, foot).translation - places[leg]
             q[dofs] -= np.linalg.solve(J, off)
@@ -88,10 +93,15 @@ def test_lyapunov_equality_with_a_foot_in_the_air():
     """d/dt of s^T M s / 2 by differences, along the acceleration of a robot on three feet."""
     robot = standing("a1").changed(friction=pa.Friction(), armature=0.0)
     controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=False))
-    crawl, model, data = Crawl().on(robot), robot.model, robot.model.createData()
-    t, rng, h = crawl.shift + 0.5 * crawl.swing, np.random.default_rng(4), 1e-5
+    crawl = Crawl().on(robot)
+    model = robot.model
+    data = robot.model.createData()
+    t = crawl.shift + 0.5 * crawl.swing
+    rng = np.random.default_rng(4)
+    h = 1e-5
     stands = np.repeat(crawl.at(t).feet.stands, 3)
-    q, desired = robot.q0.copy(), crawl.at(t)
+    q = robot.q0.copy()
+    desired = crawl.at(t)
     q[:3] = desired.x_d[:3]
     q = with_feet(robot, q, desired.feet.x_d)
     v = 0.01 * rng.standard_normal(18)
@@ -111,7 +121,8 @@ def test_lyapunov_equality_with_a_foot_in_the_air():
     state, signals = seen(q, v, t)
     _, command = controller.command(state, pa.Measurement(t, q, v, robot.position(q)), desired)
     tau = controller._forces.solve(q, command.torque, desired.feet.stands).torque
-    M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+    M = pin.crba(model, data, q)
+    rest = pin.nonLinearEffects(model, data, q, v)
     saddle = np.block([[M, -A.T], [A, np.zeros((9, 9))]])
     a = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[:18]
     found = (
@@ -137,7 +148,8 @@ def test_feet_that_do_not_fit_are_refused():
     robot = standing("a1")
     controller = pa.make_controller(robot, unknown=TRUNK)
     at = pa.plants.PinocchioPlant(robot).measure()
-    state, desired = controller.init(at), pa.Desired(at.x, np.zeros(6), np.zeros(6))
+    state = controller.init(at)
+    desired = pa.Desired(at.x, np.zeros(6), np.zeros(6))
     for feet, message in (
         (Feet(np.ones(3, bool), *np.zeros((3, 4, 3))), "4 bools"),
         (Feet(np.ones(4, bool), *np.zeros((3, 3, 3))), "4 x 3 numbers"),

@@ -47,8 +47,11 @@ def relative(robot, q):
 
 
 def test_the_rows_of_a_grasp_are_those_of_one_body():
-    robot, h, rng = holding(), 1e-6, np.random.default_rng(0)
-    q, v = robot.q0 + 0.2 * rng.standard_normal(robot.model.nv), rng.standard_normal(robot.model.nv)
+    robot = holding()
+    h = 1e-6
+    rng = np.random.default_rng(0)
+    q = robot.q0 + 0.2 * rng.standard_normal(robot.model.nv)
+    v = rng.standard_normal(robot.model.nv)
     A, _ = robot.constrained.at(q, v)
     v -= np.linalg.pinv(A) @ (A @ v)
     apart = pin.log6(relative(robot, q).actInv(relative(robot, q + h * v))).vector
@@ -77,7 +80,8 @@ def test_an_object_is_found_and_squeezed():
     # what the arms do to the object, by the true robot
     model, (q, v, tau) = true.model, (part[-1] for part in (rollout.q, rollout.v, rollout.tau))
     data, (A, rate) = model.createData(), true.constrained.at(q, v)
-    M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+    M = pin.crba(model, data, q)
+    rest = pin.nonLinearEffects(model, data, q, v)
     saddle = np.block([[M, -A.T], [A, np.zeros((6, 6))]])
     force = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[model.nv :][:3]
     way = relative(robot, q)

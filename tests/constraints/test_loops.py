@@ -66,7 +66,8 @@ def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
     assert robot.task.labels == tuple(names[:-1])
     mimic = pin.buildModelFromUrdf(str(example_path("panda")), mimic=True)
     assert mimic.nv == 8
-    rng, G = np.random.default_rng(0), np.vstack([np.eye(8), np.eye(8)[-1]])
+    rng = np.random.default_rng(0)
+    G = np.vstack([np.eye(8), np.eye(8)[-1]])
     forces = ConstraintForces(robot, None)
     for _ in range(5):
         u, ud, udd = 0.3 * rng.standard_normal((3, 8))
@@ -102,7 +103,8 @@ def test_loops_of_mjcf_are_those_of_mujoco(tmp_path):
     assert delta().task.labels == ("motor_1", "motor_2", "motor_3")
     for file, robot, move in ((path, bar, [1.5, 0.3]), (DELTA, delta(), MOVE)):
         model = mujoco.MjModel.from_xml_path(str(file))
-        data, home = mujoco.MjData(model), robot.position(robot.q0)
+        data = mujoco.MjData(model)
+        home = robot.position(robot.q0)
         data.eq_active[2:] = 0  # the weld to the handle
         for share in (0.0, 1.0):
             data.qpos[:] = robot.configuration(home + share * np.array(move))
@@ -144,7 +146,8 @@ def test_the_platform_of_a_delta_follows_with_wrong_inertias():
 @pytest.mark.parametrize("make", [gripper, five_bar])
 def test_joints_under_constraints_follow_with_wrong_inertias(make):
     robot = make()
-    model, x = robot.changed(inertial_scale=0.7), robot.position(robot.q0)
+    model = robot.changed(inertial_scale=0.7)
+    x = robot.position(robot.q0)
     size = np.array(
         [0.2 if "motor" in label or label.endswith("7") else 0.01 for label in robot.task.labels]
     )

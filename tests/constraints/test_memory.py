@@ -27,8 +27,10 @@ def prediction_error(true, dt, duration=0.05):
     controller = pa.make_controller(true, unknown=pa.Unknown(friction=False, armature=False))
     x = true.position(true.q0)
     path = pa.trajectories.Sinusoid(x, 0.02 * np.ones(x.size), 0.5 + 0.1 * np.arange(x.size))
-    a_d, plant = controller.dynamics.value(true), pa.plants.PinocchioPlant(true, substeps=4)
-    errors, torques = [], []
+    a_d = controller.dynamics.value(true)
+    plant = pa.plants.PinocchioPlant(true, substeps=4)
+    errors = []
+    torques = []
     for sample in islice(pa.run(plant, controller, path, dt=dt), round(duration / dt)):
         s = controller.observe(sample.state, sample.measurement, sample.desired)
         errors.append(np.abs(s.filtered_torque.error(a_d)).max())
@@ -47,9 +49,13 @@ def test_no_force_of_a_constraint_is_in_the_prediction(make):
 @pytest.mark.parametrize("make", [a1, talos, five_bar, delta, holding])
 def test_rows_and_their_projection_have_the_rates_of_differences(make):
     robot = make()
-    constraints, stands = robot.constrained, np.arange(4) != 1 if make is a1 else None
-    rng, h, n = np.random.default_rng(3), 1e-6, robot.model.nv
-    q, v = robot.q0 + 0.1 * rng.standard_normal(n), rng.standard_normal(n)
+    constraints = robot.constrained
+    stands = np.arange(4) != 1 if make is a1 else None
+    rng = np.random.default_rng(3)
+    h = 1e-6
+    n = robot.model.nv
+    q = robot.q0 + 0.1 * rng.standard_normal(n)
+    v = rng.standard_normal(n)
     (A, A_rate), (P, P_rate) = constraints.at(q, v), constraints.free(q, v, stands)
     before, after = (
         (constraints.at(way, v)[0], constraints.free(way, v, stands)[0])
@@ -64,7 +70,9 @@ def test_filters_begin_anew_where_a_foot_is_lifted():
     robot = standing("a1")
     controller = pa.make_controller(robot, unknown=TRUNK)
     filters = FilteredRegressor(controller.dynamics, 30.0, constraints=robot.constrained)
-    q, v, tau = robot.q0, np.zeros(18), np.ones(18)
+    q = robot.q0
+    v = np.zeros(18)
+    tau = np.ones(18)
     state = filters.step(filters.observe(filters.init(q, v), q, v), tau, 1e-2)
     stays = filters.observe(state, q, v)
     lifted = filters.observe(state, q, v, stands=np.array([True, True, False, True]))
@@ -88,7 +96,8 @@ def test_a_free_base_has_no_friction_and_no_rotors():
 def test_a_load_is_found_in_spite_of_friction_in_the_joints():
     """In MuJoCo; friction of 2 % of the efforts that the controller does not know."""
     robot = standing("a1")
-    high, efforts = robot.q0[2], 0.02 * robot.model.effortLimit * robot.motors
+    high = robot.q0[2]
+    efforts = 0.02 * robot.model.effortLimit * robot.motors
     true = robot.changed(
         payload=pa.Payload(5.0, [0.2 * high, 0.08 * high, 0.32 * high]),
         friction=pa.Friction(coulomb=efforts, viscous=0.5 * efforts),

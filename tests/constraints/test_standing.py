@@ -30,7 +30,8 @@ def standing(name, **options):
 def test_a_free_base_is_six_joints_without_motors():
     robot = standing("a1")
     assert robot.model.nv == 18 and robot.motors.tolist() == [False] * 6 + [True] * 12
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     pin.framesForwardKinematics(model, data, robot.q0)
     heights = [data.oMf[model.getFrameId(foot)].translation[2] for foot in FEET["a1"]]
     assert np.allclose(heights, 0.0, atol=1e-9)
@@ -40,7 +41,8 @@ def test_a_free_base_is_six_joints_without_motors():
     free = pin.buildModelFromUrdf(str(robot.origin.urdf.path), pin.JointModelFreeFlyer())
     assert np.isclose(robot.mass, pin.computeTotalMass(free), rtol=1e-12)
     rng = np.random.default_rng(0)
-    base, joints = rng.uniform(-0.5, 0.5, 6), rng.uniform(-1.0, 1.0, 12)
+    base = rng.uniform(-0.5, 0.5, 6)
+    joints = rng.uniform(-1.0, 1.0, 12)
     turned = pin.Quaternion(pin.rpy.rpyToMatrix(*base[:2:-1])).coeffs()
     ours = pin.computeGeneralizedGravity(model, data, np.concatenate([base, joints]))
     q = np.concatenate([base[:3], turned, joints])
@@ -83,7 +85,8 @@ def test_forces_keep_the_base_and_stay_in_their_cones(name):
 def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
     """And the limit that it misses is named."""
     robot = standing("a1")
-    forces, strong = ConstraintForces(robot, None), np.full(18, 50.0)
+    forces = ConstraintForces(robot, None)
+    strong = np.full(18, 50.0)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
     assert ConstraintForces(robot, strong).solve(robot.q0, g).missed == Missed()
     strong[robot.joint_names.index("RR_calf_joint")] = 0.5
@@ -134,7 +137,9 @@ def test_a_foot_that_slips_ends_the_run_by_its_name():
 
 def test_a_contact_moves_from_where_it_came_down():
     robot = standing("a1")
-    constraints, q, v = robot.constrained, robot.q0.copy(), np.zeros(18)
+    constraints = robot.constrained
+    q = robot.q0.copy()
+    v = np.zeros(18)
     constraints.at(q, v)
     first, moved = constraints.footing(np.zeros((0, 3)), None, 1e-3)
     assert not moved.any()
@@ -151,14 +156,13 @@ def test_a_contact_moves_from_where_it_came_down():
 
 def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
     robot = standing("a1")
-    forces, push = ConstraintForces(robot, None), np.zeros(18)
+    forces = ConstraintForces(robot, None)
+    push = np.zeros(18)
     push[:2] = 40.0, 10.0
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
     seen = robot.constrained.free(robot.q0, np.zeros(18))[0] @ push
-    truth, found = (
-        forces.solve(robot.q0, g - push).torque,
-        forces.solve(robot.q0, g - seen, None, seen).torque,
-    )
+    truth = forces.solve(robot.q0, g - push).torque
+    found = forces.solve(robot.q0, g - seen, None, seen).torque
     blind = forces.solve(robot.q0, g - seen).torque
     off, blindly_off = (np.abs(each - truth).max() for each in (found, blind))
     assert off < 0.3 * blindly_off
@@ -166,7 +170,8 @@ def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
 
 def test_a_foot_in_the_air_bears_no_force():
     robot = standing("a1")
-    forces, stands = ConstraintForces(robot, None), np.array([True, True, False, True])
+    forces = ConstraintForces(robot, None)
+    stands = np.array([True, True, False, True])
     A, _ = Constraints(robot.model, robot.constraints).at(robot.q0, np.ones(18))
     assert np.allclose(forces.constraints.jacobian(robot.q0), A, atol=1e-15)
     own = 30.0 * np.outer([1.0, 2.0, 0.0, 1.0], [0.1, -0.1, 1.0])  # of three feet [N]
@@ -218,7 +223,8 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     assert run.distance.max() < 4e-3 and run.distance[-400:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
     found = pa.identify(run, robot, unknown="payload", progress=False)
-    body, errors = found.robot.model.inertias[6], found.torque_errors
+    body = found.robot.model.inertias[6]
+    errors = found.torque_errors
     assert body.mass == pytest.approx(trunk.mass, abs=0.02)
     assert np.abs(body.lever - trunk.lever).max() < 2e-3
     assert errors.learned_held_out.mean() < 0.05 * errors.described_held_out.mean()
@@ -228,14 +234,16 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
 @pytest.mark.slow
 def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
     """Talos on two soles, poses of both, with unknown loads on trunk and hand."""
-    frames, n = ["base_link", "gripper_left_base_link"], range(1, 8)
+    frames = ["base_link", "gripper_left_base_link"]
+    n = range(1, 8)
     locked = [*(f"arm_right_{k}_joint" for k in n), "gripper_left_joint", "gripper_right_joint"]
     options = {"frames": frames, "locked": [*locked, "head_1_joint", "head_2_joint"]}
     robot = standing("talos", **options)
     bent = {"arm_left_2_joint": 0.4, "arm_left_4_joint": -1.4, "arm_left_6_joint": 0.7}
     home = zip(robot.joint_names, robot.home_angles, strict=True)
     robot = standing("talos", **options, q0=[bent.get(name, angle) for name, angle in home])
-    trunk, hand = pa.Payload(8.0, (-0.1, 0.0, 0.2)), pa.Payload(0.5, (0.0, 0.0, -0.05))
+    trunk = pa.Payload(8.0, (-0.1, 0.0, 0.2))
+    hand = pa.Payload(0.5, (0.0, 0.0, -0.05))
     true = robot.changed(payload=dict(zip(frames, (trunk, hand), strict=True)))
     own = [
         PoseTrajectory(
@@ -289,7 +297,8 @@ def test_a_governed_reference_of_a_redundant_robot_obeys_the_constraints():
 
 
 def test_an_announced_load_is_that_of_the_trunk_and_a_safe_torque_holds_the_robot():
-    robot, load = standing("a1"), pa.Payload(5.0, [0.05, 0.02, 0.08])
+    robot = standing("a1")
+    load = pa.Payload(5.0, [0.05, 0.02, 0.08])
     controller = pa.make_controller(robot, unknown=TRUNK)
     plant = pa.plants.MujocoPlant(robot.changed(payload=load))
     state = controller.announce(controller.init(plant.measure()), payload=load)

@@ -22,7 +22,8 @@ def test_the_safe_torque_holds_an_arm_that_the_last_torque_moves_far(moving):
     """What used to be the advice after a refused sample."""
     loop = copy.deepcopy(moving)
     _, torque = next(iter(loop.samples(DT)))
-    held, start = copy.deepcopy(loop.plant), loop.plant.measure().q
+    held = copy.deepcopy(loop.plant)
+    start = loop.plant.measure().q
     for _ in range(round(1.0 / DT)):
         held.step(torque, DT)
     for _ in loop.rest(1.0):
@@ -51,7 +52,8 @@ def test_the_safe_torque_needs_no_measurement_at_all(moving):
 @pytest.mark.parametrize(("lost", "rests"), [("x", True), ("v", True), ("qv", False)])
 def test_a_run_brings_an_arm_to_rest_or_leaves_it_to_its_own_stop(lost, rests):
     robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
-    truth, sent = pa.plants.PinocchioPlant(robot), []
+    truth = pa.plants.PinocchioPlant(robot)
+    sent = []
 
     class Arm(pa.plants.Plant):
         """A plant not marked as simulated; from 0.3 s on some measurements are NaN."""

@@ -91,8 +91,10 @@ def test_a_copy_gives_the_same_torques_and_shares_no_scratch(loop):
     controller, samples, torques, state = loop
     again, end = replay(copy.deepcopy(controller), samples)
     assert again.tobytes() == torques.tobytes() and unchanged(end, snapshot(state))
-    other, first = from_read_only_memory(controller), samples[0][0]
-    own, twin = controller.init(first, a_d=1.02 * controller.dynamics.initial), other.init(first)
+    other = from_read_only_memory(controller)
+    first = samples[0][0]
+    own = controller.init(first, a_d=1.02 * controller.dynamics.initial)
+    twin = other.init(first)
     for (measurement, desired), expected in zip(samples, torques, strict=True):
         differs, own = controller.step(own, measurement, desired, 1e-3)
         torque, twin = other.step(twin, measurement, desired, 1e-3)
@@ -120,7 +122,9 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
 
     signals = controller.observe(states[1], samples[1], desired[1])
     answer = controller.respond(states[1], signals)[0]
-    alone, law, refused = torque(0), controller.law, []
+    alone = torque(0)
+    law = controller.law
+    refused = []
     assert np.array_equal(controller.respond(states[1], signals)[0], answer)  # after another state
 
     def second():

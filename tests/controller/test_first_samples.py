@@ -22,7 +22,8 @@ class Loop:
     """A closed loop, one sample after another, with sensors and a plant that may be spoilt."""
 
     def __init__(self, robot, *, true=None, plant=None, guards=True, dt=DT, **options):
-        self.robot, self.dt = robot, dt
+        self.robot = robot
+        self.dt = dt
         self.true = robot if true is None else true
         options = {"adaptation": "natural", "dt": dt, **options}
         if guards is True and not {"sensors", "limits"} & options.keys():
@@ -37,7 +38,9 @@ class Loop:
     def run(self, seconds, spoil=lambda sample: sample):
         """Yield the controller's state after each sample; an error leaves the last one as it is."""
         seen = pa.plants.SimulatedSensors(self.true, self.dt, self.controller.sensors)
-        state, torque, given = None, None, None
+        state = None
+        torque = None
+        given = None
         for _ in range(round(seconds / self.dt)):
             truth = self.plant.measure()
             sample = spoil(seen.measure(truth, given))
@@ -181,10 +184,12 @@ class Wired(pa.plants.PinocchioPlant):
 
     def __init__(self, robot, signs=1.0, force=0.0):
         super().__init__(robot)
-        self.signs, self.force = signs, np.array([0.0, force, 0.0])
+        self.signs = signs
+        self.force = np.array([0.0, force, 0.0])
 
     def step(self, torque, dt):
-        q, model = self.measure().q, self.robot.model
+        q = self.measure().q
+        model = self.robot.model
         at = model, model.createData(), q, self.robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         super().step(self.signs * torque + pin.computeFrameJacobian(*at)[:3].T @ self.force, dt)
 

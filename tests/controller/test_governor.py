@@ -35,7 +35,9 @@ def governor():
 
 def test_the_rate_stays_between_zero_and_one(governor):
     """For any targets and periods, however long."""
-    rng, path, seen = np.random.default_rng(1), PathTime(), []
+    rng = np.random.default_rng(1)
+    path = PathTime()
+    seen = []
     for _ in range(2000):
         goal = float(rng.choice([0.0, 1.0, rng.uniform()]))
         after = governor[0].step(path, goal, "error", float(10.0 ** rng.uniform(-4.0, 0.5)))
@@ -64,14 +66,16 @@ def test_a_step_is_exact_for_any_period(governor):
 
 def test_laws_without_speed_bounds_stop_before_a_singularity():
     """By the distance of J_hat from a singularity, of home's; joint and set-point laws never."""
-    robot, near = catalogue_robot("ur5"), {}
+    robot = catalogue_robot("ur5")
+    near = {}
     for law in ("separation", "adaptive-inverse-dynamics", "approximate-jacobian"):
         controller = pa.make_controller(robot, law=law, adaptation="natural", limits=GOVERNED)
         near[law] = controller.limits.governor
         damped = getattr(controller.law, "speeds", None)
         assert (damped is not None) == (law == "separation")
     assert near["separation"].near == near["approximate-jacobian"].near == 0.0
-    found, still = near["adaptive-inverse-dynamics"], (np.zeros(3), np.zeros(3))
+    found = near["adaptive-inverse-dynamics"]
+    still = (np.zeros(3), np.zeros(3))
     assert found.near == pytest.approx(2.0 * found.singular)
     for share, expected in ((2.5, 1.0), (1.5, 0.5**3), (1.0, 0.0), (0.1, 0.0)):
         inverse = RightInverse(np.eye(3, 6) * share * found.singular * np.sqrt(3.0))
@@ -94,7 +98,8 @@ def loop_of(name="ur5", limits=GOVERNED, adaptation=None, **options):
 
 
 def test_a_run_that_goes_well_is_the_same_to_the_bit():
-    with_one, without = loop_of(), loop_of(limits=None)
+    with_one = loop_of()
+    without = loop_of(limits=None)
     for name in ("q", "v", "tau", "a_d", "a_k", "x_d"):
         assert np.array_equal(getattr(with_one, name), getattr(without, name))
     assert np.array_equal(with_one.path_time, with_one.t) and with_one.slowed == ()

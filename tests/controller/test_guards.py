@@ -46,7 +46,8 @@ class Loop:
 
     def check_refused(self, words, sample, kind=pa.ImplausibleError):
         """The sample is refused, the state as good as before."""
-        before, state = snapshot(self.state), self.state
+        before = snapshot(self.state)
+        state = self.state
         with pytest.raises(kind, match=words):
             for k in range(20):  # what does not last is bridged
                 state = self.step(sample._replace(t=sample.t + k * DT), state)
@@ -77,8 +78,10 @@ def test_a_guard_refuses_by_name_and_can_be_switched_off(name):
 
 
 def test_plausible_samples_pass_to_the_bit():
-    one, other = Loop(), Loop(False)
-    checked, free = one.step(one.sample(3)), other.step(other.sample(3))
+    one = Loop()
+    other = Loop(False)
+    checked = one.step(one.sample(3))
+    free = other.step(other.sample(3))
     assert checked.sensed.first is not None and free.sensed.first is None
     assert unchanged(guarded_alike(checked), snapshot(guarded_alike(free)))
 
@@ -90,7 +93,8 @@ def test_plausible_samples_pass_to_the_bit():
 def test_a_step_after_dropped_samples_covers_the_elapsed_time(missed):
     loop = Loop()
     late = loop.sample(3 + missed)
-    over, told = loop.step(late), Loop(without("time"))
+    over = loop.step(late)
+    told = Loop(without("time"))
     expected = told.step(late, dt=late.t - loop.state.t)
     assert unchanged(guarded_alike(over), snapshot(guarded_alike(expected)))
     assert not np.array_equal(over.a_d, told.step(late).a_d)
@@ -117,12 +121,11 @@ def resting(guards=True, noise=None, encoder=0.0, moving=0.0, x_off=5e-5):
     controller = pa.make_controller(
         believed, adaptation="natural", limits=pa.Limits(guards=guards), sensors=sensors
     )
-    plant, seen = (
-        pa.plants.PinocchioPlant(robot),
-        pa.plants.SimulatedSensors(robot, DT, sensors, seed=1),
-    )
+    plant = pa.plants.PinocchioPlant(robot)
+    seen = pa.plants.SimulatedSensors(robot, DT, sensors, seed=1)
     still = np.zeros(3)
-    state, x_d = None, robot.position(robot.q0) + x_off
+    state = None
+    x_d = robot.position(robot.q0) + x_off
     for k in range(200):
         v = 5e-4 * np.sin(k + np.arange(6.0))
         sample = seen.measure(plant.measurement(robot.q0, v, k * DT))

@@ -20,7 +20,8 @@ class Loop:
     def __init__(self, law):
         self.robot = robot_of(law, "ur5")
         self.controller = pa.make_controller(self.robot.changed(inertial_scale=0.8), law=law)
-        rng, plant = np.random.default_rng(5), pa.plants.PinocchioPlant(self.robot)
+        rng = np.random.default_rng(5)
+        plant = pa.plants.PinocchioPlant(self.robot)
         q = plant.integrate(self.robot.q0, 0.05 * rng.standard_normal(6))
         self.measurement = plant.measurement(q, 0.3 * rng.standard_normal(6))
         self.desired = motion_at_home(self.robot).at(0.1)
@@ -46,7 +47,8 @@ class Loop:
     def check_refused(self, kind, words, **arguments):
         """An error of this kind comes, and the state is as good as before."""
         torque, after = self.step()
-        before, expected = snapshot(self.state), snapshot(after)
+        before = snapshot(self.state)
+        expected = snapshot(after)
         with pytest.raises(kind, match=words), np.errstate(all="ignore"):
             self.step(**arguments)
         again, after_again = self.step()
@@ -117,9 +119,12 @@ BRIDGED = [("None", "x"), ("infinite", "x"), ("None", "xd")]  # by the last fram
     ("law", "field"), [*((LAWS[0], field) for field in OF_FRAME), *((LAWS[1], f) for f in FIELDS)]
 )
 def test_unusable_signals_are_refused_by_name(law, field):
-    loop, kind, words = loop_of(law), pa.MeasurementError, f"'{field}'"
+    loop = loop_of(law)
+    kind = pa.MeasurementError
+    words = f"'{field}'"
     if field in pa.Desired._fields:
-        kind, words = pa.InputError, rf"desired\.{field}"
+        kind = pa.InputError
+        words = rf"desired\.{field}"
     for what, spoil in UNUSABLE.items():
         given = spoil(loop.given(field))
         if (what, field) in BRIDGED:

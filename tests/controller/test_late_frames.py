@@ -35,7 +35,8 @@ class Stream:
             "limits": pa.Limits(torque=False, guards={"limits": False}),  # it goes past its stops
         }
         self.controller = pa.make_controller(self.robot, sensors=sensors, **self.options)
-        self.plant, self.nv = pa.plants.PinocchioPlant(self.true), self.robot.model.nv
+        self.plant = pa.plants.PinocchioPlant(self.true)
+        self.nv = self.robot.model.nv
         self.a_k = self.controller.kinematics.value(self.true)
         still = np.zeros(self.robot.task.size)
         self.desired = pa.Desired(self.true.position(self.true.q0), still, still)
@@ -75,7 +76,8 @@ class Stream:
 
     def torques(self, frames, count, state=None, first=0):
         """Return the torques (count, n) from a sample on, and the state after them."""
-        state, torques = self.start() if state is None else state, []
+        state = self.start() if state is None else state
+        torques = []
         for k in range(first, first + count):
             sample = self.sample(k, frames.get(k))
             torque, state = self.controller.step(state, sample, self.desired, DT)
@@ -121,7 +123,8 @@ def test_a_late_frame_tells_the_error_of_todays_estimate_and_is_carried_to_today
     for k, s in stream.signals(FRAMES, count=130):
         taken = max((t for at, t in FRAMES.items() if at <= k), default=0.0)
         x_hat, X_k = kinematics.at(stream.q(taken))
-        seen, da_k = task.position(stream.x(taken)), s.a_k - stream.a_k
+        seen = task.position(stream.x(taken))
+        da_k = s.a_k - stream.a_k
         assert np.abs(s.X_k - X_k).max() <= 1e-12
         assert np.abs(s.epsilon - X_k @ da_k).max() <= 1e-12
         assert np.abs(s.epsilon - (task.position(x_hat) - seen)).max() <= 1e-12
@@ -129,7 +132,8 @@ def test_a_late_frame_tells_the_error_of_todays_estimate_and_is_carried_to_today
         missed = task.error(s.x, stream.x(k * DT))
         assert np.abs(missed[: task.positions] - carried).max() <= 1e-12
         assert np.abs(missed[task.positions :]).max(initial=0.0) <= 1e-12
-        off, moved = max(off, np.abs(carried).max()), max(moved, np.abs(s.epsilon).max())
+        off = max(off, np.abs(carried).max())
+        moved = max(moved, np.abs(s.epsilon).max())
     assert off > 1e-5 and moved > 1e-3
     assert not np.array_equal(s.a_k, kinematics.initial)
 
@@ -137,7 +141,8 @@ def test_a_late_frame_tells_the_error_of_todays_estimate_and_is_carried_to_today
 def test_frames_without_delay_are_used_unchanged(stream):
     """To the bit as by a controller that never carries."""
     fresh = {k: k * DT for k in range(20)}
-    plain, held = copy.copy(stream), DelayCompensator(enabled=False)
+    plain = copy.copy(stream)
+    held = DelayCompensator(enabled=False)
     plain.controller = copy.copy(stream.controller)
     plain.controller.senses = replace(stream.controller.senses, compensator=held)
     torques, state = stream.torques(fresh, 20)
@@ -187,10 +192,12 @@ def test_samples_too_long_without_frames_are_refused_until_one_arrives(panda):
 def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda):
     """By (1 - r) / (1 + r), r = exp(-smoothing T), while the arm moves."""
     rng, kinematics, T, sigma = np.random.default_rng(3), panda.controller.kinematics, 1 / 30, 1e-3
-    rates, still = (5.0, 20.0), np.zeros(7)
+    rates = (5.0, 20.0)
+    still = np.zeros(7)
     compensators = [DelayCompensator(), *map(DelayCompensator, rates)]
     begun = panda.controller.senses.init(panda.sample(0, 0.0), kinematics, panda.a_k)
-    states, off = [begun] * 3, []
+    states = [begun] * 3
+    off = []
     for k in range(1, 1200):
         q = panda.q(DT * (k % 1000))
         true = panda.plant.measurement(q, still).x

@@ -47,7 +47,8 @@ def test_parameters_that_are_not_adapted_keep_their_initial_values():
     controller, rollout = run(
         "ur5", unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
     )
-    believed, learned = controller.kinematics.robot, rollout.learned()
+    believed = controller.kinematics.robot
+    learned = rollout.learned()
     same = [
         a.isApprox(b) for a, b in zip(believed.model.inertias, learned.model.inertias, strict=True)
     ]
@@ -82,7 +83,8 @@ def predicted(rollout, a_d):
 )
 def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation):
     controller, rollout = run(name, 1.2 if adaptation == "gradient" else 1.0, adaptation=adaptation)
-    state, dynamics = rollout.evaluated().last_state, controller.dynamics
+    state = rollout.evaluated().last_state
+    dynamics = controller.dynamics
     kept = rollout.parameters().start(controller)["a_d"]
     before, after = (predicted(rollout, a) for a in (state.a_d, kept))
     assert abs(after - before) < min(0.1 * before, 1e-3) + 1e-9
@@ -106,13 +108,15 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     learned = rollout.parameters()
     learned.save(tmp_path / "learned.json")
     assert pa.LearnedParameters.load(tmp_path / "learned.json") == learned
-    start, state = learned.start(controller), rollout.evaluated().samples[-1].state
+    start = learned.start(controller)
+    state = rollout.evaluated().samples[-1].state
     assert (start["a_k"] == state.a_k).all() and learned.remark
     start = rollout.parameters(all_estimates=True).start(controller)
     assert (start["a_d"] == state.a_d).all()
     slide = "slide_joint.viscous"
     assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
-    text, first = (tmp_path / "learned.json").read_text(), next(iter(learned.dynamic))
+    text = (tmp_path / "learned.json").read_text()
+    first = next(iter(learned.dynamic))
     (tmp_path / "number.json").write_text(text.replace(f'"{first}": ', '"5": ', 1))
     with pytest.raises(pa.ParameterError, match="1 unknown to it"):
         pa.LearnedParameters.load(tmp_path / "number.json").start(controller)

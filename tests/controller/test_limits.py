@@ -38,9 +38,11 @@ def jacobian(rng, shape, smallest):
 @given(seed=seeds, log=st.floats(-8.0, 0.0))
 @settings(seeded, max_examples=25)
 def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
-    rng, s_0 = np.random.default_rng(seed), 0.1
+    rng = np.random.default_rng(seed)
+    s_0 = 0.1
     J = jacobian(rng, shape, 10.0**log)
-    inverse, least = RightInverse(J, s_0), np.linalg.svd(J, compute_uv=False).min()
+    inverse = RightInverse(J, s_0)
+    least = np.linalg.svd(J, compute_uv=False).min()
     rounding = 1e-13 * np.linalg.norm(J) ** 2
     assert inverse.conditioning**2 <= least**2 * (1 + 1e-9) + rounding
     assert inverse.conditioning**2 >= least**2 / shape[0] * (1 - 1e-9) - rounding
@@ -48,7 +50,8 @@ def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     assert (mu_2 > 0.0) == (inverse.conditioning < s_0)
     J_plus = np.stack([inverse.solve(e, np.zeros(shape[1])) for e in np.eye(shape[0])], axis=1)
     assert np.linalg.norm(J_plus, 2) <= (1 + 1e-6) / s_0
-    u, psi = rng.standard_normal(shape[0]), rng.standard_normal(shape[1])
+    u = rng.standard_normal(shape[0])
+    psi = rng.standard_normal(shape[1])
     missed = u - J @ inverse.solve(u, psi)
     share = mu_2 / (least**2 + mu_2)
     assert np.linalg.norm(missed) <= share * np.linalg.norm(u - J @ psi) + 1e-9
@@ -67,8 +70,10 @@ def conflicting(rng, smallest):
 
 
 def test_a_level_is_met_exactly_whatever_those_behind_it_ask():
-    rng, s_0 = np.random.default_rng(5), 0.2
-    u, psi = rng.standard_normal(6), rng.standard_normal(7)
+    rng = np.random.default_rng(5)
+    s_0 = 0.2
+    u = rng.standard_normal(6)
+    psi = rng.standard_normal(7)
     for smallest in (0.1, 1e-3, 0.0):
         J = conflicting(rng, smallest)
         order = np.array([1, 4, 0, 3, 5, 2])  # rows of the levels need not be together
@@ -80,27 +85,33 @@ def test_a_level_is_met_exactly_whatever_those_behind_it_ask():
         assert not inverse.damping[levels == 0.0].any() and 0.0 < mu_2 < s_0**2
         # the second one is nearest in what the first leaves: Siciliano and Slotine's recursion
         N = np.eye(7) - np.linalg.pinv(J[:3]) @ J[:3]
-        first, B = psi + np.linalg.pinv(J[:3]) @ (u[:3] - J[:3] @ psi), J[3:] @ N
+        first = psi + np.linalg.pinv(J[:3]) @ (u[:3] - J[:3] @ psi)
+        B = J[3:] @ N
         least = B.T @ np.linalg.solve(B @ B.T + mu_2 * np.eye(3), u[3:] - J[3:] @ first)
         assert np.allclose(r, first + least, atol=1e-8)
         alike = RightInverse(J, s_0).solve(u, psi)
         assert np.abs(J[:3] @ alike - u[:3]).max() > 1e-3
     easy = np.linalg.qr(rng.standard_normal((7, 6)))[0].T
-    ours, theirs = RightInverse(easy, s_0, levels=np.repeat([0.0, 1.0], 3)), RightInverse(easy, s_0)
+    ours = RightInverse(easy, s_0, levels=np.repeat([0.0, 1.0], 3))
+    theirs = RightInverse(easy, s_0)
     assert np.array_equal(ours.solve(u, psi), theirs.solve(u, psi))
 
 
 @pytest.mark.parametrize("first", [0.5, 0.1, 1e-3])  # smallest singular value of the first level
 @pytest.mark.parametrize("smallest", [0.15, 0.03, 1e-3])
 def test_the_rate_of_a_solution_with_priorities_is_its_derivative(smallest, first):
-    rng, s_0 = np.random.default_rng(6), 0.2
-    J, Jdot = conflicting(rng, smallest), rng.standard_normal((6, 7))
+    rng = np.random.default_rng(6)
+    s_0 = 0.2
+    J = conflicting(rng, smallest)
+    Jdot = rng.standard_normal((6, 7))
     U, sigma, V = np.linalg.svd(J[:3], full_matrices=False)
     J[:3] = U @ np.diag([*sigma[:2], first]) @ V
     u, ud, psi, psid = (rng.standard_normal(k) for k in (3, 3, 7, 7))
     w, wd = rng.standard_normal((2, 3))
     A, A_rate = J[:3], Jdot[:3]  # constraints come before all tasks
-    task, task_rate, levels = J[3:], Jdot[3:], np.array([1.0, 0.0, 0.0])
+    task = J[3:]
+    task_rate = Jdot[3:]
+    levels = np.array([1.0, 0.0, 0.0])
 
     def inverse(t):
         found = RightInverse(task + t * task_rate, s_0, (A + t * A_rate, A_rate), levels)
@@ -125,12 +136,15 @@ def test_a_solution_has_an_exact_rate_and_keeps_speed_limits_smoothly(shape, sma
     The damping varies too; the passivity-based law uses the exact derivative of q_r.
     """
     rng, s_0, (m, n) = np.random.default_rng(4), 0.2, shape
-    J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
-    inverse, speeds = RightInverse(J, s_0), rng.uniform(0.5, 2.0, n)
+    J = jacobian(rng, shape, smallest)
+    Jdot = rng.standard_normal(shape)
+    inverse = RightInverse(J, s_0)
+    speeds = rng.uniform(0.5, 2.0, n)
     u, ud, psi, psid = (rng.standard_normal(k) for k in (m, m, n, n))
     if inverse.unique:
         psi = psid = None
-    seen, still = set(), np.zeros(n)
+    seen = set()
+    still = np.zeros(n)
 
     def kept(inverse, u, psi, ud, psid, Jdot):
         free = inverse.solve_with_rate(u, psi, ud, psid, Jdot)
@@ -160,7 +174,8 @@ def test_a_solution_has_an_exact_rate_and_keeps_speed_limits_smoothly(shape, sma
 
 
 def test_damping_brings_the_arm_back_from_beyond_its_reach():
-    robot, far = load("ur5"), [0.36, 0.0, 0.0]
+    robot = load("ur5")
+    far = [0.36, 0.0, 0.0]
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), law="adaptive-inverse-dynamics", gamma_d=0.8, dt=2e-3
     )
@@ -261,16 +276,21 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((3, 3))
     Gamma = np.diag(rng.uniform(0.1, 3.0, 3)) if diagonal else A @ A.T + 0.1 * np.eye(3)
-    low, high = -rng.uniform(0.1, 1.0, 3), rng.uniform(0.1, 1.0, 3)
+    low = -rng.uniform(0.1, 1.0, 3)
+    high = rng.uniform(0.1, 1.0, 3)
     inner = pa.adaptation.Gradient(Gamma, 3)
-    boxed, g = pa.adaptation.BoxProjection(inner, low, high), 5.0 * rng.standard_normal(3)
+    boxed = pa.adaptation.BoxProjection(inner, low, high)
+    g = 5.0 * rng.standard_normal(3)
     metric = np.linalg.inv(Gamma)
     a = np.where(rng.uniform(size=3) < 0.5, low, rng.uniform(low, high))  # often at a wall
-    moved, free = stepped(boxed, a, g, 0.5), stepped(inner, a, g, 0.5)
+    moved = stepped(boxed, a, g, 0.5)
+    free = stepped(inner, a, g, 0.5)
     assert (moved >= low).all() and (moved <= high).all()
     assert np.allclose(moved, nearest(free, metric, low, high), atol=1e-7)
-    rate, free_rate = rate_of(boxed, a, g), rate_of(inner, a, g)
-    scale, inward = np.abs(free_rate).max(), np.where(a <= low, 0.0, -np.inf)
+    rate = rate_of(boxed, a, g)
+    free_rate = rate_of(inner, a, g)
+    scale = np.abs(free_rate).max()
+    inward = np.where(a <= low, 0.0, -np.inf)
     expected = nearest(free_rate / scale, metric, inward, np.full(3, np.inf))
     assert np.allclose(rate / scale, expected, atol=1e-7)
     a_true = rng.uniform(low, high)
@@ -297,7 +317,8 @@ def test_estimates_stay_in_their_box():
             )
             runs[box] = pa.simulate(true, controller, path, duration=0.25, engine=engine)
             assert runs[box].diverged is None
-        low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
+        low = controller.kinematics.initial - 0.03
+        high = controller.kinematics.initial + 0.03
         outside = (
             2e-3 if engine.continuous else 1e-12
         )  # an integrator's step passes the wall by a little

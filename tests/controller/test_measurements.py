@@ -36,13 +36,16 @@ JOINT, STOP = 1, 0.35  # which joint stops, and when [s]
 
 def read(controller, t, q, v):
     """Let a controller's sensing read samples of q and v; return what it holds last."""
-    senses, kinematics = controller.senses, controller.kinematics
+    senses = controller.senses
+    kinematics = controller.kinematics
     sensed = SensedState(q[0], v[0], monitor=new_monitor(v[0]))
-    now, period = t[0], controller.period
+    now = t[0]
+    period = controller.period
     for k in range(1, len(t)):
         sample = pa.Measurement(t[k], q[k], v[k])
         given = sensed, now, sample, kinematics, kinematics.initial, period, period
-        sensed, now = senses.read(*given)[0], t[k]
+        sensed = senses.read(*given)[0]
+        now = t[k]
     return sensed
 
 
@@ -79,14 +82,18 @@ def stopping(cause, rate):
 
     The others are pushed as the arm's momentum has it, and return to their way by their motors.
     """
-    robot, fine = catalogue_robot("ur5"), 8000.0
-    t, omega = np.arange(0.0, STOP + 0.2, 1.0 / fine), np.linspace(3.0, 4.0, 6)
+    robot = catalogue_robot("ur5")
+    fine = 8000.0
+    t = np.arange(0.0, STOP + 0.2, 1.0 / fine)
+    omega = np.linspace(3.0, 4.0, 6)
     amplitude = np.linspace(0.3, 0.2, 6)
-    v, after = amplitude * omega * np.cos(np.outer(t, omega)), np.maximum(t - STOP, 0.0)
+    v = amplitude * omega * np.cos(np.outer(t, omega))
+    after = np.maximum(t - STOP, 0.0)
     there = v[np.argmax(after > 0.0), JOINT]
     slowing = min(DECELERATIONS[cause], fine * there)
     kept = np.where(after > 0.0, np.maximum(there - slowing * after, 0.0), v[:, JOINT])
-    M, others = pin.crba(robot.model, robot.model.createData(), robot.q0), np.arange(6) != JOINT
+    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    others = np.arange(6) != JOINT
     push = np.linalg.solve(M[np.ix_(others, others)], M[others, JOINT])
     lost = np.where(after > 0.0, there - kept, 0.0) * np.exp(-10.0 * after)
     v[:, others] += np.outer(lost, push)
@@ -120,7 +127,9 @@ def test_times_of_a_fast_loop_may_be_rounded_or_pause(fault):
     else:
         kept = np.arange(len(t)) % 10**6
         kept = (kept < 800) | (kept >= 812)
-        t, q, v = t[kept], q[kept], v[kept]
+        t = t[kept]
+        q = q[kept]
+        v = v[kept]
     read(controller_of("ur5", 4000.0), t[1:1200], q[1:1200], v[1:1200])
 
 
@@ -192,8 +201,10 @@ def stopped(q):
 )
 def test_imperfections_of_real_sensors_are_healthy(kind, rate, slow):
     """Nothing of it is declared. Joints turn back at rates [rad/s], and one is slow throughout."""
-    n, t = 6, PERIOD * np.arange(500.0)
-    rates, frequency = rate * np.ones(n), np.linspace(3.0, 9.0, n)
+    n = 6
+    t = PERIOD * np.arange(500.0)
+    rates = rate * np.ones(n)
+    frequency = np.linspace(3.0, 9.0, n)
     rates[0], frequency[0] = slow, 0.3
     v = rates * np.cos(np.outer(t, frequency)) * np.minimum(t / (0.0125 * rate), 1.0)[:, None]
     read(controller_of("ur5", 1.0 / PERIOD), t, *HONEST[kind](summed(v), v))
@@ -222,15 +233,19 @@ def moving(name, measures):
 def test_a_fault_is_bridged_or_refused(fault):
     """Within 150 ms, and before a joint is two degrees away from where it would be without it."""
     loop, honest = moving("kinova" if fault in CONTINUOUS else "ur5", fault in MEASURES)
-    model, loop = loop.true.model, loop.lying(fault)
-    refused, farthest, k = False, 0.0, 0
+    model = loop.true.model
+    loop = loop.lying(fault)
+    refused = False
+    farthest = 0.0
+    k = 0
     try:
         for truth, _ in loop.samples(0.15):
             farthest = max(farthest, _apart(model, honest[k], truth.q))
             k += 1
     except pa.MeasurementError:
         refused = True
-    bridged, harmless = sum(loop.state.bridged), ("x not given", "time of every second sample")
+    bridged = sum(loop.state.bridged)
+    harmless = ("x not given", "time of every second sample")
     assert refused or bridged or fault in harmless
     assert farthest < (0.1 if fault in ONCE else 2.0)
     assert fault not in ONCE or (bridged == 1 and not refused)

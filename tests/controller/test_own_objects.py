@@ -77,17 +77,21 @@ def test_law_and_adaptation_as_objects_are_those_by_name(kind):
 
 
 def test_a_box_bounds_an_adaptation_of_a_users_own(guide):
-    a, rng = pa.models.BodyDynamics(catalogue_robot("ur5")).initial, np.random.default_rng(1)
+    a = pa.models.BodyDynamics(catalogue_robot("ur5")).initial
+    rng = np.random.default_rng(1)
     inner = guide["Normalised"](Gamma=1.0, T=0.1)
-    low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
+    low = a - 0.01 * np.abs(a) - 1e-3
+    high = a + 0.01 * np.abs(a) + 1e-3
     boxed = pa.adaptation.BoxProjection(inner, low, high)
-    free, held = inner.init(a), boxed.init(a)
+    free = inner.init(a)
+    held = boxed.init(a)
     drive = along(1e-6 * rng.standard_normal(a.size))  # so short a step that no wall is met
     assert unchanged(boxed.step(held, drive, 1e-3), snapshot(inner.step(free, drive, 1e-3)))
     left = 0
     for _ in range(30):
         drive = along(30.0 * rng.standard_normal(a.size))
-        free, held = inner.step(free, drive, 1e-2), boxed.step(held, drive, 1e-2)
+        free = inner.step(free, drive, 1e-2)
+        held = boxed.step(held, drive, 1e-2)
         left += not ((low <= free.value) & (free.value <= high)).all()
         assert ((low <= held.value) & (held.value <= high)).all() and boxed.contains(held.value)
         assert unchanged((held.memory,), snapshot((free.memory,)))  # it remembers as before

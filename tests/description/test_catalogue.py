@@ -44,7 +44,8 @@ def test_a_limb_of_a_larger_robot_loads_and_tracks(name, joints, first, last):
 
 
 def test_a_tip_is_at_the_stated_position():
-    robot, row = catalogue_robot("double_pendulum"), ROWS["double_pendulum"]
+    robot = catalogue_robot("double_pendulum")
+    row = ROWS["double_pendulum"]
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.q0)
     assert robot.frame == "link2_tip"

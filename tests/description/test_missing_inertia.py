@@ -47,7 +47,8 @@ def arm(folder, *, inertials=None, triangles=CLOSED):
             f'<link name="{link}">{(inertials or {}).get(link, "")}{body if shape else ""}</link>'
         )
         if link in STEPS:
-            parent, axis = list(STEPS)[index - 2] if index > 1 else "base", "0 0 1"
+            parent = list(STEPS)[index - 2] if index > 1 else "base"
+            axis = "0 0 1"
             axis = axis if link in ("upper", "hand") else "0 1 0"
             text += (
                 f'<joint name="to_{link}" type="revolute"><parent link="{parent}"/>'
@@ -84,7 +85,8 @@ def test_the_mass_is_shared_by_volume_with_the_base_between_uniform_solids(tmp_p
     rod = pin.Inertia.FromCylinder(found["wrist"].mass, 0.02, 0.25)
     assert found["wrist"].isApprox(pin.Inertia(rod.mass, np.array([0.0, 0.0, 0.125]), rod.inertia))
     # of a tetrahedron: covariance = V (sum of c c^T + 4 x 4 mean mean^T) / 20
-    mean, volume = CORNERS.mean(axis=0), found["fore"].mass
+    mean = CORNERS.mean(axis=0)
+    volume = found["fore"].mass
     second = volume * (CORNERS.T @ CORNERS + 16 * np.outer(mean, mean)) / 20
     about = second - volume * np.outer(mean, mean)
     assert np.allclose(found["fore"].lever, mean + at)

@@ -26,7 +26,8 @@ def mjcf(folder, text=MJCF, name="arm.xml"):
 
 def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     path = mjcf(tmp_path)
-    whole, robot = pin.buildModelFromMJCF(str(path)), pa.load(path, frame="tip")
+    whole = pin.buildModelFromMJCF(str(path))
+    robot = pa.load(path, frame="tip")
     for ours, theirs in zip(robot.model.inertias[1:], whole.inertias[1:], strict=True):
         assert ours.isApprox(theirs)
     assert robot.joint_names == ["j1", "j2", "j3"]

@@ -45,7 +45,8 @@ def test_a_tree_has_the_mass_matrix_of_the_robot():
     described = catalogue_robot("solo8_fl_leg").drawn.whole
     robot = pa.load(described, task="joint")
     model = mujoco.MjModel.from_xml_string(robot.mjcf())
-    data, M = mujoco.MjData(model), np.zeros((robot.model.nv, robot.model.nv))
+    data = mujoco.MjData(model)
+    M = np.zeros((robot.model.nv, robot.model.nv))
     data.qpos[:] = robot.q0
     mujoco.mj_forward(model, data)
     for row, unit in zip(M, np.eye(len(M)), strict=True):

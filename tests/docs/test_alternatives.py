@@ -53,10 +53,8 @@ def test_the_task_integral_removes_the_error_of_tool_and_load(arm, loaded):
 def observed(at, duration):
     """Return the last signals of the law and the observed r (n) [N m], without integral."""
     controller = CONTENDERS["computed torque, observer, task integral"].make(at, k_o=1.0, k_x=0.0)
-    plant, path = (
-        pa.plants.PinocchioPlant(at.true),
-        pa.trajectories.Hold(at.true.position(at.true.q0)),
-    )
+    plant = pa.plants.PinocchioPlant(at.true)
+    path = pa.trajectories.Hold(at.true.position(at.true.q0))
     for sample in pa.run(plant, controller, path, duration=duration):
         last = sample
     s, _ = controller.command(last.state, last.measurement, last.desired)

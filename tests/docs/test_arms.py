@@ -48,7 +48,9 @@ class Manager:
 
     def __init__(self):
         self.plant = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD)
-        self.efforts, self.running, self.point = [np.zeros(2)], [], None
+        self.efforts = [np.zeros(2)]
+        self.running = []
+        self.point = None
 
     def receive(self, message):
         (self.point,) = message.points
@@ -56,10 +58,13 @@ class Manager:
 
     def update(self):
         """Run one cycle and return the joint state that is published, in alphabetical order."""
-        m, zero = self.plant.read(), np.zeros(2)
+        m = self.plant.read()
+        zero = np.zeros(2)
         if self.point is None:
             self.point = SimpleNamespace(positions=m.q, velocities=zero, effort=zero)
-        point, p, d = self.point, GAINS["p"], GAINS["d"]
+        point = self.point
+        p = GAINS["p"]
+        d = GAINS["d"]
         effort = point.effort + p * (point.positions - m.q) + d * (point.velocities - m.v)
         before = self.efforts[-1]
         self.efforts.append(effort)

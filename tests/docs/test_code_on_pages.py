@@ -36,7 +36,8 @@ def test_the_page_without_calibration_runs():
     assert "dt=0.002" in of_tracker
     exec(of_tracker.replace("0.002", "0.004").replace("duration=3.0", "duration=1.0"), scope)
     assert scope["rollout"].distance.max() < 1e-4
-    found, true = scope["rollout"].tracker().tracker, scope["true"].tracker
+    found = scope["rollout"].tracker().tracker
+    true = scope["true"].tracker
     assert found.placement.homogeneous == pytest.approx(true.homogeneous, abs=1e-5)
     exec(of_camera.replace("duration=1.0", "duration=0.5"), scope)
     assert scope["rollout"].distance.max() < 2e-3
@@ -65,7 +66,8 @@ def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
         shorter = shorter.replace("controller(robot)", "controller(robot, dt=2e-3)")
         exec(shorter.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
     assert scope["rollout"].distance[-50:].max() < 1e-5
-    true, frames = scope["true"], [f"{frame}_learned" for frame in scope["robot"].frames]
+    true = scope["true"]
+    frames = [f"{frame}_learned" for frame in scope["robot"].frames]
     learned = pa.load(tmp_path / "learned.urdf", frames=frames)
     assert learned.position(true.q0) == pytest.approx(true.position(true.q0), abs=1e-6)
     shorter = standing.replace('"payload")', '"payload", dt=2e-3)')

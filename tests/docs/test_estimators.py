@@ -20,14 +20,14 @@ def problem() -> LearningProblem:
     """Return the exact log of a UR5 with friction and a load of 2 kg, and its description."""
     robot = pa.load("ur5")
     true = robot.changed(payload=pa.Payload(2.0, (0.02, -0.01, 0.05)), **TRUE)
-    t, n = np.arange(0.0, 6.0, 0.005), robot.model.nv
-    rates, phases = np.outer(1.3 + 0.4 * np.arange(n), [1.0, 2.3]), np.arange(n)[:, None]
+    t = np.arange(0.0, 6.0, 0.005)
+    n = robot.model.nv
+    rates = np.outer(1.3 + 0.4 * np.arange(n), [1.0, 2.3])
+    phases = np.arange(n)[:, None]
     angles = rates * t[:, None, None] + phases
     q = robot.q0 + 0.3 * np.sin(angles).sum(axis=2)
-    v, a = (
-        (0.3 * rates * np.cos(angles)).sum(axis=2),
-        -(0.3 * rates**2 * np.sin(angles)).sum(axis=2),
-    )
+    v = (0.3 * rates * np.cos(angles)).sum(axis=2)
+    a = -(0.3 * rates**2 * np.sin(angles)).sum(axis=2)
     data = true.model.createData()
     tau = [
         pin.rnea(true.model, data, *state) + true.friction_at(state[0]).torque(state[1])

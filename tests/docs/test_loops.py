@@ -45,7 +45,8 @@ def test_a_franka_is_told_its_load(tmp_path):
     from tests.support.franka_server import FINGERS, MASS, Franka
 
     (tmp_path / "fr3.urdf").write_text(urdf)
-    server, found = Franka("127.0.0.1"), example("franka_load")
+    server = Franka("127.0.0.1")
+    found = example("franka_load")
     found.move = partial(found.move, duration=3.0)
     try:
         load, before, after = found.run(server.address, tmp_path / "fr3.urdf")
@@ -57,7 +58,8 @@ def test_a_franka_is_told_its_load(tmp_path):
 
 
 def test_a_node_publishes_the_load(monkeypatch):
-    published, timers = [], []
+    published = []
+    timers = []
 
     class Node:
         def __init__(self, name):

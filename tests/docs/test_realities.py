@@ -30,12 +30,14 @@ def test_play_makes_no_energy(robot):
         """Return the energy, of the springs beyond their play [J]."""
         d = arm._d
         arm._d = np.sign(d) * np.maximum(np.abs(d) - 0.5 * case.play, 0.0)
-        found, arm._d = energy_of(arm), d
+        found = energy_of(arm)
+        arm._d = d
         return found
 
     free = np.abs(arm._d) > 0.5 * case.play
     assert arm.spring(arm._d) == pytest.approx(gravity(robot), abs=1e-9) and free.any()
-    start, crossed = energy(), 0
+    start = energy()
+    crossed = 0
     for _ in range(500):  # the arm falls
         before = np.sign(arm._d)
         arm.step(np.zeros(robot.model.nv), 1e-3)

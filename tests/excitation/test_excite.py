@@ -56,14 +56,16 @@ def search(name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_begins_and_ends_at_home_at_rest_and_keeps_the_limits_in_between(name):
-    robot, motion = catalogue_robot(name), excited(name)
+    robot = catalogue_robot(name)
+    motion = excited(name)
     for t in (0.0, motion.trajectory.period):
         x, xd, xdd = motion.trajectory.at(t)
         assert np.allclose(x, robot.home_angles, atol=1e-12)
         assert np.allclose(xd, 0.0, atol=1e-12) and np.allclose(xdd, 0.0, atol=1e-11)
     lower, upper = position_limits(robot.model)
     loaded = robot.changed(payload=pa.Payload(motion.limits.load)).model
-    data, most = loaded.createData(), np.zeros(robot.model.nv)
+    data = loaded.createData()
+    most = np.zeros(robot.model.nv)
     for t in np.linspace(0.0, 6.0, 1501):
         x, v, a = motion.trajectory.at(t)
         assert (x > lower).all() and (x < upper).all()
@@ -118,7 +120,8 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     motion = pa.excite(
         catalogue_robot("planar_2r"), unknown=pa.Unknown(bodies="payload"), duration=4.0
     )
-    written, found = scenario.trajectory.at(1.3), motion.trajectory.at(1.3)
+    written = scenario.trajectory.at(1.3)
+    found = motion.trajectory.at(1.3)
     assert np.allclose(written.x_d, found.x_d, atol=1e-5)
     assert scenario.controller.dynamics.names == motion.information.names
     assert main(arguments) == 2 and "exists already" in capsys.readouterr().err
@@ -146,7 +149,8 @@ def test_bodies_and_floor_stay_apart(monkeypatch):
     for i, j in combinations(range(len(links)), 2):
         if abs(joints[i] - joints[j]) > 1:
             geometry.addCollisionPair(pin.CollisionPair(i, j))
-    data, found = robot.model.createData(), geometry.createData()
+    data = robot.model.createData()
+    found = geometry.createData()
 
     def closest(motion):
         distances = []

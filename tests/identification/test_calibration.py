@@ -27,7 +27,8 @@ def wrong(name):
 
 def recorded(name, count=80, seed=1, **options):
     """Return a log of a wrong arm at random configurations, with encoders that are off."""
-    real, rng = wrong(name), np.random.default_rng(seed)
+    real = wrong(name)
+    rng = np.random.default_rng(seed)
     angles = random_angles(catalogue_robot(name), rng, count)
     return measured(real, angles, rng, **{"noise": NOISE, "offsets": OFFSET, **options})
 
@@ -46,7 +47,8 @@ def true_errors(found, log):
 @pytest.mark.parametrize("robot", [catalogue_robot("ur5"), mixed_robot()], ids=["ur5", "mixed"])
 def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
     """The mixed chain has a slide, a continuous joint, and axes in any direction."""
-    task, rng = TASKS["pose"], np.random.default_rng(0)
+    task = TASKS["pose"]
+    rng = np.random.default_rng(0)
     q = pin.integrate(robot.model, robot.q0, rng.uniform(-1.0, 1.0, robot.model.nv))
     x = TASKS["pose"].of(robot.placement(q))
     seen = _MeasuredFrames(task, q[None], x[None])

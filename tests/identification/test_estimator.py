@@ -54,7 +54,8 @@ def found_load(estimator, state, load):
 
 
 def test_the_rows_are_those_of_identify():
-    log, robot = recorded("ur5", duration=2.0, dt=2e-3), catalogue_robot("ur5")
+    log = recorded("ur5", duration=2.0, dt=2e-3)
+    robot = catalogue_robot("ur5")
     estimator = pa.Estimator(robot, pa.Unknown(friction=True), period=2e-3, held=False)
     found = []
     estimator._compare = lambda state, window: (found.append(window), state)[1]
@@ -102,15 +103,19 @@ def test_a_motor_that_both_joints_of_a_wrist_turn_is_found_where_there_is_one(co
 
 def test_a_joint_that_sticks_says_little_of_a_load():
     """Friction at rest is anything up to Coulomb's; small swings hold the load otherwise."""
-    robot, dt = catalogue_robot("panda"), 4e-3
+    robot = catalogue_robot("panda")
+    dt = 4e-3
     true = robot.changed(payload=LOAD)
     t = np.arange(0.0, 6.0, dt)[:, None]
-    rates, height = np.arange(1.5, 5.0, 0.5), 0.15
+    rates = np.arange(1.5, 5.0, 0.5)
+    height = 0.15
     q = robot.q0 + height * np.sin(rates * t)
-    v, a = height * rates * np.cos(rates * t), -height * rates**2 * np.sin(rates * t)
+    v = height * rates * np.cos(rates * t)
+    a = -height * rates**2 * np.sin(rates * t)
     slow = np.abs(v) < 0.1 * height * rates  # there they stick
     q = robot.q0 + np.cumsum(np.where(slow, 0.0, v), axis=0) * dt
-    v, a = np.where(slow, 0.0, v), np.where(slow, 0.0, a)
+    v = np.where(slow, 0.0, v)
+    a = np.where(slow, 0.0, a)
     tau = torques(true, q, v, a) + 1.0 * np.where(slow, np.cos(3.0 * t), np.sign(v))
     estimator = pa.Estimator(robot, "payload", period=dt, held=False)
     off = found_load(estimator, run(estimator, t[:, 0], q, v, tau)[-1], LOAD)
@@ -129,7 +134,8 @@ def test_gears_rub_under_the_load_too():
 
 
 def test_a_push_is_not_a_load():
-    robot, force = catalogue_robot("panda"), (0.0, 0.0, -40.0)
+    robot = catalogue_robot("panda")
+    force = (0.0, 0.0, -40.0)
     t, q, v, tau = signals({0.0: None}, 7.0)
     data = robot.model.createData()
     for k in np.flatnonzero((t > 4.0) & (t < 4.5)):
@@ -170,7 +176,8 @@ def predicted(robot, q, v, a):
 
 def test_bodies_are_found_in_spite_of_noise_and_written(tmp_path):
     """After a second they already are better than the description."""
-    log, robot = recorded("panda", noisy=True, duration=8.0, dt=4e-3), catalogue_robot("panda")
+    log = recorded("panda", noisy=True, duration=8.0, dt=4e-3)
+    robot = catalogue_robot("panda")
     estimator = pa.Estimator(robot, period=4e-3, held=False, smooth=True)
     states = run(estimator, log.t, log.configurations(robot), log.v, log.tau)
     found = estimator.estimate(states[-1])
@@ -244,10 +251,13 @@ def test_a_real_log_is_predicted_as_well_as_by_identify():
 
 def test_whatever_force_closes_a_loop_drops_out():
     robot = five_bar()
-    true, data = robot.changed(payload=OTHER), robot.model.createData()
-    t, home = np.arange(0.0, 4.0, 8e-3), robot.position(robot.q0)
+    true = robot.changed(payload=OTHER)
+    data = robot.model.createData()
+    t = np.arange(0.0, 4.0, 8e-3)
+    home = robot.position(robot.q0)
     swing = 0.3 * np.sin(np.outer(t, [4.0, 6.0]))
-    path, q = [], robot.q0
+    path = []
+    q = robot.q0
     for x in home + swing:
         q = robot.at(q).configuration(x)
         path.append(q)

@@ -26,7 +26,8 @@ TOLD = pa.Unknown(friction=True, armature=False)
 @cache
 def arm():
     """Return an arm whose bodies are not as described."""
-    robot, rng = catalogue_robot("panda"), np.random.default_rng(3)
+    robot = catalogue_robot("panda")
+    rng = np.random.default_rng(3)
     scale = dict(zip(robot.joint_names, rng.uniform(0.8, 1.3, 7).tolist(), strict=True))
     return robot.changed(inertial_scale=scale, viscous=0.5, coulomb=0.8)
 
@@ -34,7 +35,8 @@ def arm():
 @cache
 def log(*, loaded):
     """Return a log with 1 % of the effort limits as noise of the torques, and without."""
-    true, seed = arm().changed(payload=LOAD) if loaded else arm(), 1 + loaded
+    true = arm().changed(payload=LOAD) if loaded else arm()
+    seed = 1 + loaded
     t, q, v, a = motion("panda", duration=8.0, dt=8e-3, seed=seed)
     tau = torques(true, q, v, a)
     noise = 0.01 * effort_limits(true.model) * np.random.default_rng(seed).standard_normal(q.shape)
@@ -48,7 +50,8 @@ def identified(*, known, wrong):
         replace(one, tau=one.tau * (GAINS if wrong else 1.0))
         for one in (log(loaded=True), log(loaded=False))
     ]
-    robot, mass = catalogue_robot("panda"), MASS if known else None
+    robot = catalogue_robot("panda")
+    mass = MASS if known else None
     return pa.identify(both[0], robot, empty=both[1], known_load=mass, unknown=TOLD, progress=False)
 
 
@@ -56,7 +59,8 @@ def errors(found):
     """Return rms errors of the masses [kg], and of the torques of the bodies, as a share."""
     true = arm().changed(payload=LOAD, armature=0.0, friction=pa.Friction())
     a = found.controller.dynamics.inertial.value(true)
-    off, masses = found.dynamic.estimate[: a.size] - a, slice(0, None, 10)
+    off = found.dynamic.estimate[: a.size] - a
+    masses = slice(0, None, 10)
     W = found.windows.W[:, :, : a.size]
     return np.sqrt(np.mean(off[masses] ** 2)), np.linalg.norm(W @ off) / np.linalg.norm(W @ a)
 
@@ -69,8 +73,10 @@ def test_noise_of_the_torques_is_no_gain():
 
 
 def test_a_known_load_shows_the_gains_of_the_torques():
-    found, plain = identified(known=True, wrong=True), identified(known=False, wrong=True)
-    gains, known = found.gains.estimate, found.gains.deviations
+    found = identified(known=True, wrong=True)
+    plain = identified(known=False, wrong=True)
+    gains = found.gains.estimate
+    known = found.gains.deviations
     shown = known < 0.012
     assert shown[[1, 3, 4, 5]].all() and (known < 0.051).all() and known[0] > 0.012
     assert np.abs(gains - GAINS)[shown].max() < 0.015
@@ -88,7 +94,8 @@ def test_a_known_load_shows_the_gains_of_the_torques():
 
 
 def test_right_gains_stay_right():
-    found, plain = identified(known=True, wrong=False), identified(known=False, wrong=False)
+    found = identified(known=True, wrong=False)
+    plain = identified(known=False, wrong=False)
     assert (np.abs(found.gains.estimate - 1.0) < 3.0 * found.gains.deviations).all()
     assert errors(found)[1] < errors(plain)[1] + 3e-3  # to which the gains are known
     assert np.allclose(found.torque_errors.learned_held_out, plain.torque_errors.learned_held_out,
@@ -98,7 +105,8 @@ def test_right_gains_stay_right():
 
 def test_a_load_that_the_torques_do_not_show_is_refused():
     """Half of it, and the load of the empty arm, as the logs are swapped."""
-    robot, both = catalogue_robot("panda"), (log(loaded=True), log(loaded=False))
+    robot = catalogue_robot("panda")
+    both = (log(loaded=True), log(loaded=False))
     given = {"unknown": TOLD, "progress": False}
     with pytest.raises(pa.ParameterError, match=r"known_load: .* the torques show 2\.8"):
         pa.identify(both[0], robot, empty=both[1], known_load=0.5 * MASS, **given)

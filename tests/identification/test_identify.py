@@ -25,8 +25,10 @@ TOLD = {"friction": True, "armature": False}  # where the choice of effects is n
 
 
 def test_errors_match_the_stated_uncertainty_and_held_out_torques_are_predicted_to_their_noise():
-    found, true = identified("ur5"), true_robot("ur5")
-    load, parts = found.payload(), found.controller
+    found = identified("ur5")
+    true = true_robot("ur5")
+    load = found.payload()
+    parts = found.controller
     assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
     assert np.abs(load.com - LOAD.com).max() < 2e-3
     assert abs(load.mass - LOAD.mass) < 4.0 * load.mass_known_to
@@ -53,7 +55,8 @@ def test_the_page_is_whole_and_loads_nothing():
 
 def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
     identified("ur5").robot.save(tmp_path / "learned.urdf")
-    described, true = catalogue_robot("ur5"), true_robot("ur5")
+    described = catalogue_robot("ur5")
+    true = true_robot("ur5")
     learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
     _, q, v, a = (part[:500] for part in motion("ur5", duration=3.0, seed=5))
     wrong, left = (
@@ -83,7 +86,8 @@ def test_continuous_and_prismatic_joints_are_identified(name):
 
 def test_samples_with_nan_are_left_out_and_counted():
     log = recorded("ur5", noisy=True, duration=4.0)
-    q, tau = log.q.copy(), log.tau.copy()
+    q = log.q.copy()
+    tau = log.tau.copy()
     q[150:155, 2], tau[400, :] = np.nan, np.inf
     tau[400, 1] = np.nan
     told = pa.Unknown(tool=True, **TOLD)
@@ -95,7 +99,8 @@ def test_samples_with_nan_are_left_out_and_counted():
 
 
 def test_torques_without_gravity_are_detected_and_compensated():
-    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
+    robot = catalogue_robot("ur5")
+    log = recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
     left_out = replace(log, tau=log.tau - np.array([gravity(q) for q in log.q]))
     viscous = pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False)
@@ -113,7 +118,8 @@ def test_torques_without_gravity_are_detected_and_compensated():
 
 def test_late_torques_are_found_under_noise():
     """Noise of the measured rates would hide the lateness."""
-    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=5.0)
+    robot = catalogue_robot("ur5")
+    log = recorded("ur5", duration=5.0)
     noise = 0.2 * log.tau.std(axis=0) * np.random.default_rng(3).standard_normal(log.tau.shape)
     late = 6 * log.period
     tau = np.vstack([np.repeat(log.tau[:1], 6, axis=0), log.tau[:-6]])
@@ -128,8 +134,10 @@ def test_late_torques_are_found_under_noise():
 
 def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
     """The first link of a Panda turns about the vertical: its mass moves no torque."""
-    robot, log = catalogue_robot("panda"), recorded("panda", noisy=True, duration=4.0)
-    told, true = pa.Unknown(tool=True, **TOLD), true_robot("panda")
+    robot = catalogue_robot("panda")
+    log = recorded("panda", noisy=True, duration=4.0)
+    told = pa.Unknown(tool=True, **TOLD)
+    true = true_robot("panda")
     base = true.model.inertias[0].mass
     mass = 1.2 * true.mass + base
     found = pa.identify(log, robot, unknown=told, total_mass=mass)
@@ -142,7 +150,8 @@ def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
 
 
 def test_masses_stay_within_stated_bounds():
-    robot, log = catalogue_robot("panda"), recorded("panda", noisy=True, duration=4.0)
+    robot = catalogue_robot("panda")
+    log = recorded("panda", noisy=True, duration=4.0)
     told = pa.Unknown(tool=True, **TOLD)
     free = pa.identify(log, robot, unknown=told)
     masses = [body.mass for body in free.robot.model.inertias[1:]]
@@ -158,11 +167,13 @@ def test_masses_stay_within_stated_bounds():
 
 
 def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
-    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0, seen=False)
+    robot = catalogue_robot("ur5")
+    log = recorded("ur5", duration=4.0, seen=False)
     heavy = 0.6 * robot.mass
     loaded = robot.changed(payload=pa.Payload(heavy, (0.0, 0.0, 0.1)))
     _, q, v, a = motion("ur5", duration=4.0)
-    told, doubtful = pa.Unknown(tool=False, **TOLD), {"doubtful": True}
+    told = pa.Unknown(tool=False, **TOLD)
+    doubtful = {"doubtful": True}
     log = replace(log, tau=torques(loaded, q, v, a))
     found = pa.identify(log, robot, unknown=told, import_options=doubtful)
     assert "no load explains" in str(found) and found.summary()["payload"] is None
@@ -183,7 +194,9 @@ def test_the_log_of_another_robot_is_doubted():
 def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("pinadapt.identification.identification._TIMES", 20)
     robot = catalogue_robot("ur5")
-    moved, log, out = recorded("ur5", duration=4.0), tmp_path / "log.npz", tmp_path / "out"
+    moved = recorded("ur5", duration=4.0)
+    log = tmp_path / "log.npz"
+    out = tmp_path / "out"
     np.savez(log, t=moved.t, q=moved.q, v=moved.v, tau=moved.tau)
     known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
     robot.save(tmp_path / "published.urdf", shapes=False)
@@ -192,7 +205,8 @@ def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
     page = (out / "report.html").read_text()
     assert ">published.urdf<" in page
-    printed, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
+    printed = capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] in printed and summary["torque"]["gain"] > 100.0
     assert summary["payload"]["mass"] == pytest.approx(LOAD.mass, rel=1e-2)
     learned = pa.LearnedParameters.load(out / "learned.json")

@@ -28,7 +28,8 @@ def run(name, *settings, dt=6e-3):
 
 def off_arm():
     """Return a setting: an arm whose bodies are off by some per cent."""
-    rng, arm = np.random.default_rng(4), pa.load("panda")
+    rng = np.random.default_rng(4)
+    arm = pa.load("panda")
     scales = ", ".join(f"{j} = {1.0 + OFF * rng.standard_normal():.4f}" for j in arm.joint_names)
     return f"truth.inertial_scale={{{scales}}}"
 

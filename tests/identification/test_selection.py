@@ -74,7 +74,9 @@ def test_effects_are_found_and_predict_the_held_out_torques():
     assert left < 0.8 * without and plain.effects is None
     assert all(part in str(found) for part in WORDS)
     # the learned robot has the effects, and a controller can be made for it
-    q, v, a = log.q[350], log.v[350], np.zeros(6)
+    q = log.q[350]
+    v = log.v[350]
+    a = np.zeros(6)
     controller = pa.make_controller(found.robot, unknown=found.unknown)
     assert controller.dynamics.names == found.dynamic.names
     controller.dynamics.load(controller.dynamics.initial)

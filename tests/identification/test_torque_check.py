@@ -95,7 +95,8 @@ def unlike(name, seed, wrist, gains):
     friction is 2 to 10 % of the effort limits, the load is up to the rated one, the gains of the
     torques have a deviation, positions are those of encoders of 17 bits without velocities.
     """
-    rng, robot = np.random.default_rng(seed), catalogue_robot(name)
+    rng = np.random.default_rng(seed)
+    robot = catalogue_robot(name)
     limits = effort_limits(robot.model)
     friction = rng.uniform(0.02, 0.1, robot.model.nv) * limits
     scale = {joint: float(rng.uniform(2 / 3, 4 / 3)) for joint in robot.joint_names}

@@ -23,7 +23,8 @@ LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.00
 @cache
 def arm(loaded=False):
     """Return an arm that differs from its description in bodies and friction."""
-    described, rng = catalogue_robot("ur5"), np.random.default_rng(100)
+    described = catalogue_robot("ur5")
+    rng = np.random.default_rng(100)
     friction = pa.Friction(
         rng.uniform(0.3, 2.0, 6),
         rng.uniform(0.3, 2.0, 6),
@@ -40,7 +41,8 @@ def arm(loaded=False):
 @cache
 def log_of_arm(seed, loaded=False, duration=9.0):
     """Return a log with errors that last: ripple of the gears, and torques that wander for 1 s."""
-    true, rng = arm(loaded), np.random.default_rng(seed)
+    true = arm(loaded)
+    rng = np.random.default_rng(seed)
     t, q, v, a = motion("ur5", duration=duration, dt=12e-3, seed=seed)
     tau = np.array(
         [
@@ -66,7 +68,8 @@ def identified(seed):
 
 def test_two_logs_of_an_arm_agree_within_their_uncertainties():
     """They match the true errors too: errors last for seconds, so rows are far from independent."""
-    near, right = [], []
+    near = []
+    right = []
     for one, other in ((0, 1), (1, 0)):
         parts = [identified(seed).dynamic for seed in (one, other)]
         names = [name for name in parts[0].names if name in parts[1].names]

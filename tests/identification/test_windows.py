@@ -37,9 +37,11 @@ def test_the_true_parameters_solve_the_rows(name):
 
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_the_error_is_that_of_friction_alone(dt):
-    robot, smooth = catalogue_robot("ur5"), true_robot("ur5", coulomb=0.0)
+    robot = catalogue_robot("ur5")
+    smooth = true_robot("ur5", coulomb=0.0)
     log = recorded("ur5", duration=2.0, dt=dt)
-    q, v = log.q, log.v
+    q = log.q
+    v = log.v
     a = np.gradient(v, dt, axis=0, edge_order=2)
     log = replace(log, tau=torques(smooth, q, v, a))
     dynamics = pa.make_controller(robot).dynamics
@@ -64,7 +66,8 @@ def test_times_may_jitter_and_a_gap_costs_only_the_windows_around_it():
 def test_averages_are_integrals_and_rates_are_derivatives():
     t = np.linspace(0.0, 3.0, 900)
     averages = Averages(t, t[1])
-    mean, rate = averages.mean(np.sin(t)), -(averages.rate @ np.sin(t))
+    mean = averages.mean(np.sin(t))
+    rate = -(averages.rate @ np.sin(t))
     assert np.allclose(averages.mean(np.ones_like(t)), 1.0, atol=1e-6)
     damping = mean[10] / np.sin(averages.t[10])  # the low pass of the window
     assert 0.99 < damping < 1.0 and np.allclose(mean, damping * np.sin(averages.t), atol=1e-6)

@@ -34,7 +34,8 @@ def run(name, camera=False, **options):
 def information(rollout):
     """Return the information in the torques of a run, at its last estimate."""
     evaluation = rollout.evaluated()
-    controller, a_d = evaluation.controller, evaluation.last_state.a_d
+    controller = evaluation.controller
+    a_d = evaluation.last_state.a_d
     model = controller.kinematics.robot.model
     return dynamic_information(controller.dynamics, model, evaluation.samples, a_d)
 
@@ -42,7 +43,8 @@ def information(rollout):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_identifiable_combinations_are_estimated_correctly(name):
     rollout = run(name)
-    best, true = information(rollout).refined(), rollout.a_d_true
+    best = information(rollout).refined()
+    true = rollout.a_d_true
     kept = best.R
     noise = np.abs(kept @ (best.estimate - true)) / np.abs(kept @ best.estimate).max()
     first = np.abs(kept @ (rollout.a_d[0] - true)) / np.abs(kept @ best.estimate).max()
@@ -57,7 +59,8 @@ def test_identifiable_combinations_are_estimated_correctly(name):
 )
 def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
     rollout = run(name, **({} if dynamic == "all" else {"unknown": pa.Unknown(bodies=dynamic)}))
-    learned, refined = rollout.payload(), rollout.payload(refined=True)
+    learned = rollout.payload()
+    refined = rollout.payload(refined=True)
     for estimate, times in ((learned, 3.0), (refined, 30.0)):
         pairs = [
             (estimate.mass, MASS, estimate.mass_known_to, 1e-4),

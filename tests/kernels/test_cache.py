@@ -80,7 +80,8 @@ def test_without_compilation_the_same_torques_come_out(monkeypatch):
     robot = pa.load("planar_2r")
     measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.array([0.1, -0.2]))
     desired = pa.Desired(measurement.x + 0.01, np.zeros(2), np.zeros(2))
-    torques, calls = [], set()
+    torques = []
+    calls = set()
 
     def counted(name, function):
         def call(*arguments):

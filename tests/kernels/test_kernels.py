@@ -51,7 +51,8 @@ def _covectors(F, g):
 @pytest.mark.parametrize("most", [0.02, 1.0])
 def test_geodesics(which, size, most, rng):
     cone, a = cones()[which]
-    g, h = size * rng.standard_normal(a.size), 7e-3
+    g = size * rng.standard_normal(a.size)
+    h = 7e-3
     P = cone.matrices(a)
     L = np.concatenate([_covectors(cone.F, part) for part in np.split(g, cone.blocks)])
     length = h * np.sqrt(sum(np.trace(p @ ell @ p @ ell) for p, ell in zip(P, L, strict=True)))

@@ -26,12 +26,19 @@ def inertia(controller, state, q, initial):
 def test_the_error_obeys_17(law):
     """de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi da_d - alpha Y_k da_k, (17)."""
     robot = catalogue_robot("panda")
-    true, believed = with_tool_and_load(robot), robot.changed(inertial_scale=0.7)
+    true = with_tool_and_load(robot)
+    believed = robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(believed, law=law, gamma_d=0.05).limited(None)
-    plant, path = pa.plants.PinocchioPlant(true), circle_beside(true, "yz")
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    K_v, K_P, alpha = controller.law.K_v, controller.law.K_P, controller.law.alpha
-    e, stated, kinematic = [], [], []
+    plant = pa.plants.PinocchioPlant(true)
+    path = circle_beside(true, "yz")
+    a_k = controller.kinematics.value(true)
+    a_d = controller.dynamics.value(true)
+    K_v = controller.law.K_v
+    K_P = controller.law.K_P
+    alpha = controller.law.alpha
+    e = []
+    stated = []
+    kinematic = []
     stream = pa.simulation.run_continuous(plant, controller, path, dt=DT, ideal_acceleration=True)
     for sample in list(islice(stream, SAMPLES)):
         state, (_, q, v, *_) = sample.state, sample.measurement

@@ -56,8 +56,10 @@ class Pushed(pa.plants.PinocchioPlant):
 @pytest.mark.parametrize("name", ["panda", "scara"])
 def test_a_torque_of_others_is_estimated_and_leaves_no_error(name):
     """Estimates rest, at the truth: nothing else explains a twentieth of the motors' limits."""
-    robot, ends = catalogue_robot(name), []
-    held, push = robot.position(robot.q0), 0.05 * robot.model.effortLimit
+    robot = catalogue_robot(name)
+    ends = []
+    held = robot.position(robot.q0)
+    push = 0.05 * robot.model.effortLimit
     push = push * np.cos(np.arange(push.size))
     for adaptation in ("natural-memory", "natural"):
         controller = pa.make_controller(

@@ -37,8 +37,12 @@ def test_the_boundary_layer_of_one_joint(eps):
 
     K = K_1 / eps^2 and K_f = K_2 / eps: in fast time t / eps the eigenvalues are always the same.
     """
-    B, K_1, K_2 = 0.4, 800.0, 20.0
-    K, K_f, dt = K_1 / eps**2, K_2 / eps, 1e-5 * eps
+    B = 0.4
+    K_1 = 800.0
+    K_2 = 20.0
+    K = K_1 / eps**2
+    K_f = K_2 / eps
+    dt = 1e-5 * eps
     robot = catalogue_robot("planar_2r")
     robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
     robot = robot.changed(armature=B)
@@ -46,10 +50,12 @@ def test_the_boundary_layer_of_one_joint(eps):
     law = made(robot, FastFeedback("slotine-li", K_f), actuators, adaptation="none").law
     assert np.array_equal(law.gain, [K_f])
     M = float(pin.crba(robot.model, robot.model.createData(), robot.q0)[0, 0]) - B
-    plant, moves = pa.plants.ElasticPlant(robot, actuators=actuators), []
+    plant = pa.plants.ElasticPlant(robot, actuators=actuators)
+    moves = []
     for d, w in ((1e-4, 0.0), (0.0, 1e-2)):
         plant.reset()
-        plant._d, plant._w = np.array([d]), np.array([w])
+        plant._d = np.array([d])
+        plant._w = np.array([w])
         at = plant.measure()
         plant.step(law.gain * (at.v - at.w), dt)
         moves.append([plant._d[0], plant._w[0] - plant._v[0]])
@@ -82,7 +88,8 @@ def test_the_gain_damps_the_springs_of_every_joint():
 )
 def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptation):
     robot = geared(name)
-    true, runs = with_tool_and_load(robot), []
+    true = with_tool_and_load(robot)
+    runs = []
     for law, declared in (("separation", None), (FastFeedback("separation"), SOFT)):
         controller = made(robot.changed(inertial_scale=0.8), law, declared, adaptation=adaptation)
         run = pa.simulate(

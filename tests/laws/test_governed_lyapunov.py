@@ -38,7 +38,8 @@ def case(law, name):
 def test_the_equality_holds_while_the_path_is_slowed(law, name):
     """Along x_d(s(t)) with a rate ds/dt that falls, to the tolerance of the path in time."""
     true, controller, path, start = case(law, name)
-    controller, rates = governed(controller, true), []
+    controller = governed(controller, true)
+    rates = []
     desired = controller.desired
 
     def watched(state, motion, t):

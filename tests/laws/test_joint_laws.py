@@ -36,7 +36,8 @@ def test_equality_along_the_trajectory_under_gamma(law, name):
 
 def test_a_continuous_joint_goes_the_short_way():
     robot = mixed_robot("joint")
-    task, x = robot.task, robot.home_angles
+    task = robot.task
+    x = robot.home_angles
     assert robot.model.nq == 5 and task.size == task.coordinates == 4
     assert np.allclose(task.of(robot.q0), x)
     far = x + np.array([0.0, 6.0, 0.0, 0.0])
@@ -62,7 +63,8 @@ def test_a_continuous_joint_goes_the_short_way():
 def test_an_unknown_load_is_tracked(law, scale, size, share):
     robot = catalogue_robot("panda", task="joint")
     path = pa.trajectories.Sinusoid(robot.home_angles, size, 2.0)
-    believed, ends = robot.changed(inertial_scale=scale), []
+    believed = robot.changed(inertial_scale=scale)
+    ends = []
     for adaptation in ("natural", "none"):
         controller = pa.make_controller(believed, law=law, adaptation=adaptation, dt=4e-3)
         run = pa.simulate(loaded(robot), controller, path, duration=3.0)

@@ -34,7 +34,9 @@ def loop(name, adaptation):
 def zeta(controller, s):
     """Return M_hat^-1 (W a_d - y) / lambda."""
     controller.dynamics.load(s.a_d)
-    M, W, y = controller.dynamics.mass_matrix(s.q), s.filtered_torque.W, s.filtered_torque.y
+    M = controller.dynamics.mass_matrix(s.q)
+    W = s.filtered_torque.W
+    y = s.filtered_torque.y
     return np.linalg.solve(M, W @ s.a_d - y) / controller.adaptation_d.torque_bandwidth
 
 
@@ -53,9 +55,13 @@ def test_the_parameters_part_of_v_falls_with_the_prediction_error(name, adaptati
 def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     """d/dt (ed - zeta) = -K_v ed - K_P e + lambda zeta, with the estimate on its way."""
     true, controller, path = loop(name, adaptation)
-    controller, dt = controller.limited(None), 1e-4
-    law, rate = controller.law, controller.adaptation_d.torque_bandwidth
-    left, right, size = [], [], 0.0
+    controller = controller.limited(None)
+    dt = 1e-4
+    law = controller.law
+    rate = controller.adaptation_d.torque_bandwidth
+    left = []
+    right = []
+    size = 0.0
     for sample in islice(
         pa.simulation.run_continuous(pa.plants.PinocchioPlant(true), controller, path, dt=dt), 40
     ):
@@ -63,6 +69,7 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
         left.append(s.dxd_hat - zeta(controller, s))
         right.append(-law.K_v @ s.dxd_hat - law.K_P @ s.dx + rate * zeta(controller, s))
         size = max(size, np.abs(rate * zeta(controller, s)).max())
-    left, right = np.array(left), np.array(right)
+    left = np.array(left)
+    right = np.array(right)
     found = np.column_stack([sampled_derivative(column, dt) for column in left.T])
     assert np.abs(found - right[2:-2]).max() <= 1e-5 * size

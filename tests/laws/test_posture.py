@@ -25,14 +25,16 @@ def limited(robot):
 def test_the_offset_pushes_away_from_limits(name):
     """At a limit it is the way and twice the margin more, which grows from nothing inside of it."""
     robot = catalogue_robot(name)
-    posture, rest = pa.laws.Posture(robot), robot.home_angles
+    posture = pa.laws.Posture(robot)
+    rest = robot.home_angles
     there, low, high = limited(robot)
     assert there.any() and (name != "kinova" or not there.all())
     for i in np.flatnonzero(there):
         for limit in (low[i], high[i]):
             margin = min(0.1 * (high[i] - low[i]), 0.5 * min(rest[i] - low[i], high[i] - rest[i]))
             for share, more in ((1.0, 2.0 * margin), (0.5, 0.5 * margin), (0.0, 0.0), (-1.0, 0.0)):
-                angles, outwards = rest.copy(), np.sign(limit - rest[i])
+                angles = rest.copy()
+                outwards = np.sign(limit - rest[i])
                 angles[i] = limit - (1.0 - share) * margin * outwards
                 expected = np.zeros(rest.size)
                 expected[i] = angles[i] - rest[i] + outwards * more
@@ -42,8 +44,10 @@ def test_the_offset_pushes_away_from_limits(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_rate_of_the_null_motion_is_its_derivative(name):
     robot = catalogue_robot(name)
-    controller, rng = pa.make_controller(robot), np.random.default_rng(1)
-    posture, pushed = controller.law.posture, 0
+    controller = pa.make_controller(robot)
+    rng = np.random.default_rng(1)
+    posture = controller.law.posture
+    pushed = 0
 
     for _ in range(10):
         q, v, _ = random_state(robot, rng)
@@ -59,7 +63,8 @@ def test_the_rate_of_the_null_motion_is_its_derivative(name):
             class inverse:
                 unique = False
 
-        Seen.q, Seen.v = q, v
+        Seen.q = q
+        Seen.v = v
         motion, rate = posture.null_motion(Seen)
         assert np.allclose(motion, psi(0.0), atol=1e-12)
         assert np.allclose(rate, derivative(psi), atol=1e-6)

@@ -27,10 +27,8 @@ SLOW, JOINTS = {"gamma_d": 1.0}, {"gamma_joint": 1.0}
 
 def frame(name, plane="yz", **options):
     robot = catalogue_robot(name)
-    true, believed = (
-        with_tool_and_load(robot).changed(viscous=0.2),
-        robot.changed(inertial_scale=0.7),
-    )
+    true = with_tool_and_load(robot).changed(viscous=0.2)
+    believed = robot.changed(inertial_scale=0.7)
     rates = options or SLOW | JOINTS
     controller = pa.make_controller(
         believed, law="separation", unknown=pa.Unknown(friction="viscous", armature=False), **rates
@@ -50,10 +48,8 @@ def based():
 
 
 def planar():
-    robot, own = (
-        catalogue_robot("planar_2r"),
-        {"unknown": pa.Unknown(lengths=True, basis=BASIS, lmi=LMI)},
-    )
+    robot = catalogue_robot("planar_2r")
+    own = {"unknown": pa.Unknown(lengths=True, basis=BASIS, lmi=LMI)}
     controller = pa.make_controller(robot, law="separation", **own, **SLOW, **JOINTS)
     return robot, controller, CIRCLE
 
@@ -168,15 +164,14 @@ def test_the_observer_is_that_of_its_differential_equation(task):
     unknown = pa.Unknown(tracker=True) if task else None
     controller = pa.make_controller(robot, unknown=unknown, limits=pa.Limits(guards=False))
     plant = pa.plants.PinocchioPlant(robot)
-    at_home, v = plant.measure(), np.full(6, 0.2)
+    at_home = plant.measure()
+    v = np.full(6, 0.2)
     begun = {"a_k": controller.kinematics.initial_at(at_home.q, at_home.x)} if task else {}
     state = controller.init(at_home, **begun)
     still = np.zeros(robot.task.size)
-    path, x, ends = (
-        pa.Desired(at_home.x, still, still),
-        robot.task.moved(at_home.x, still + 0.01),
-        [],
-    )
+    path = pa.Desired(at_home.x, still, still)
+    x = robot.task.moved(at_home.x, still + 0.01)
+    ends = []
     for steps in (1, 2, 64):
         after = state
         for _ in range(steps):
@@ -194,18 +189,24 @@ def test_the_observer_is_ahead_of_a_velocity_that_is_late(task, samples):
     robot = catalogue_robot("ur5" if task else "planar_2r", task=task)
     unknown = pa.Unknown(tracker=True) if task else None
     kinematics = pa.make_controller(robot, unknown=unknown).kinematics
-    low_pass, dt, left = pa.filters.LowPass(50.0), 2e-3, {}
+    low_pass = pa.filters.LowPass(50.0)
+    dt = 2e-3
+    left = {}
     rates = np.array([0.9, -0.6, 0.8, 0.7, -0.5, 0.9])[: kinematics.nv]
     for lead in (0.0, 1.0 / 50.0):
         observer = pa.filters.PositionObserver(4.0, lead=lead, orientation=bool(task))
-        s, v = Signals(), rates
-        s.residual, state, errors = None, None, []
+        s = Signals()
+        v = rates
+        s.residual = None
+        state = None
+        errors = []
         for k in range(samples):
             q = pin.integrate(robot.model, robot.q0, rates / 3.0 * np.sin(3.0 * k * dt))
             sensed = SensedState(q, v, robot.position(q))
             kinematics.update(kinematics.initial, q, v)
             state = observer.init(sensed, kinematics) if state is None else state
-            s.filtered, s.xd_hat = observer.observe(state, sensed, kinematics), kinematics.xd_hat
+            s.filtered = observer.observe(state, sensed, kinematics)
+            s.xd_hat = kinematics.xd_hat
             errors.append(np.abs(s.filtered.eta if task else s.filtered.dx_o).max())
             state = observer.step(state, s, dt)
             v = low_pass.advance(v, rates * np.cos(3.0 * (k + 0.5) * dt), dt)
@@ -216,9 +217,11 @@ def test_the_observer_is_ahead_of_a_velocity_that_is_late(task, samples):
 @pytest.mark.parametrize("name", ["so101", "panda"])
 def test_default_damping_leaves_no_direction_undamped_and_none_too_fast(name):
     """Links that are light together have directions that caps of single joints do not damp."""
-    robot, dt = catalogue_robot(name), 1e-3
+    robot = catalogue_robot(name)
+    dt = 1e-3
     controller = pa.make_controller(robot, adaptation="natural-memory", dt=dt)
-    law, motion = controller.law, controller.motion
+    law = controller.law
+    motion = controller.motion
     rates = [
         np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(q, motion.dynamics.initial))).real)
         for M, q in zip(motion.mass_matrices, motion.states.q, strict=True)

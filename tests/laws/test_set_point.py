@@ -81,8 +81,10 @@ def test_the_set_point_is_reached(law, name):
 
 def near_gravity(true):
     """Return torques 15 % above what gravity may ask for anywhere, 3 N m where that is little."""
-    model, rng = true.model, np.random.default_rng(0)
-    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    model = true.model
+    rng = np.random.default_rng(0)
+    low = model.lowerPositionLimit
+    high = model.upperPositionLimit
     asked = [
         np.abs(pin.computeGeneralizedGravity(model, model.createData(), rng.uniform(low, high)))
         for _ in range(2000)
@@ -125,16 +127,19 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
     ],
 )
 def test_no_state_and_no_estimate_exceeds_the_bound(name, task, adaptation):
-    robot, rng = robot_of(name, task), np.random.default_rng(1)
+    robot = robot_of(name, task)
+    rng = np.random.default_rng(1)
     controller = pa.make_controller(
         robot, law=BOUNDED, adaptation=adaptation, limits=pa.Limits(guards=False, torque=None)
     )
-    law, n = controller.law, robot.model.nv
+    law = controller.law
+    n = robot.model.nv
     quantity = controller.init(pa.Measurement(0.0, robot.q0, np.zeros(n), robot.position(robot.q0)))
     for scale in (1e-2, 1.0, 1e3):
         for _ in range(40):
             q = pin.integrate(robot.model, robot.q0, rng.uniform(-3.0, 3.0, n))
-            v, x = scale * rng.standard_normal(n), robot.position(q)
+            v = scale * rng.standard_normal(n)
+            x = robot.position(q)
             x = robot.task.moved(x, np.minimum(scale, 3.0) * rng.standard_normal(robot.task.size))
             a_d = quantity.a_d * np.repeat(rng.uniform(0.2, 5.0, n), 10)
             state = quantity._replace(dynamic=quantity.dynamic.with_value(a_d))
@@ -145,24 +150,31 @@ def test_no_state_and_no_estimate_exceeds_the_bound(name, task, adaptation):
             rest = np.zeros(n)
             controller.dynamics.load(signals.a_d)
             gravity = controller.dynamics.torque(q, rest, rest)
-            pull, brake = signals.J.T @ law.K_P @ law.saturation.of(signals.dx), law.brake(v)
+            pull = signals.J.T @ law.K_P @ law.saturation.of(signals.dx)
+            brake = law.brake(v)
             assert (np.abs(pull) + np.abs(brake) <= law.bound - law.gravity + 1e-9).all()
             assert (np.abs(gravity) <= law.gravity * (1.0 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("kind", ["natural", "gradient", "least-squares"])
 def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
-    robot, rng = catalogue_robot("panda"), np.random.default_rng(2)
+    robot = catalogue_robot("panda")
+    rng = np.random.default_rng(2)
     believed = robot.changed(inertial_scale=1.2)
     bound = near_gravity(unlike(robot))
     controller = pa.make_controller(
         believed, law=BOUNDED, adaptation=kind, bound=bound, gravity=0.89 * bound
     )
-    adaptation, dynamics, G = controller.adaptation_d, controller.dynamics, controller.law.gravity
+    adaptation = controller.adaptation_d
+    dynamics = controller.dynamics
+    G = controller.law.gravity
     value = adaptation.init(dynamics.initial).value
-    a, moved, rest = dynamics.value(robot), 0, np.zeros(7)
+    a = dynamics.value(robot)
+    moved = 0
+    rest = np.zeros(7)
     before = adaptation.storage(pa.adaptation.Estimate(value), a)
-    low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    low = robot.model.lowerPositionLimit
+    high = robot.model.upperPositionLimit
     for _ in range(200):
         q = rng.uniform(low, high)
         kept = adaptation.project(pa.adaptation.Estimate(value), q)
@@ -172,7 +184,8 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
         if kept is not value:
             assert after < before
             moved += 1
-        value, before = kept, after
+        value = kept
+        before = after
     assert moved and adaptation.contains(value)
 
 
@@ -189,7 +202,8 @@ class Drift(pa.trajectories.Trajectory):
 @pytest.mark.parametrize("law", LAWS)
 def test_a_motion_that_never_rests_is_refused_before_anything_moves(law):
     robot = catalogue_robot("ur5")
-    controller, plant = pa.make_controller(robot, law=law), pa.plants.PinocchioPlant(robot)
+    controller = pa.make_controller(robot, law=law)
+    plant = pa.plants.PinocchioPlant(robot)
     for path in (circle_at_home(robot), Drift()):
         for start in (
             lambda path: pa.simulate(robot, controller, path, duration=0.1),

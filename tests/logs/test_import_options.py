@@ -45,7 +45,8 @@ def samples(log, chosen):
 
 @pytest.mark.parametrize(("signals", "timed"), [("q tau", True), ("q v tau", False)])
 def test_columns_of_a_file_without_header_are_numbered(tmp_path, robot, log, signals, timed):
-    path, signals = tmp_path / "a.csv", signals.split()
+    path = tmp_path / "a.csv"
+    signals = signals.split()
     columns = [*([log.t] * timed), *(getattr(log, s) for s in signals)]
     np.savetxt(path, np.column_stack(columns), "%.17g", ",")
     options = {} if timed else {"rate": 250.0}
@@ -96,10 +97,8 @@ def test_joints_of_other_names_are_stated(tmp_path, robot, log):
 
 def test_motor_signals_are_converted_by_their_gears(robot, log):
     """Power is the same on both sides, so that tau = G^T tau_m for q_m = G q."""
-    gains, zero = (
-        np.array([0.1, 0.2, 0.1, 0.05, 0.3, 0.1]),
-        np.array([0.0, 0.5, -0.5, 0.0, 0.0, 1.0]),
-    )
+    gains = np.array([0.1, 0.2, 0.1, 0.05, 0.3, 0.1])
+    zero = np.array([0.0, 0.5, -0.5, 0.0, 0.0, 1.0])
     inverse = np.linalg.inv(GEAR)
     motors = replace(
         log,
@@ -193,7 +192,8 @@ def test_import_options_are_written_and_read(tmp_path):
         path.write_text(import_options.text(["What was assumed."]))
         found = ImportOptions.of(path)
         for one in fields(ImportOptions):
-            value, given = getattr(found, one.name), getattr(import_options, one.name)
+            value = getattr(found, one.name)
+            given = getattr(import_options, one.name)
             assert np.array_equal(value, given) or list(value) == list(given), one.name
 
 

@@ -83,7 +83,8 @@ def test_continuous_joints_are_angles_or_configurations():
 
 def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot, blank_pictures):
     heavy = robot.changed(payload=pa.Payload(1.0, (0.0, 0.0, 0.05)))
-    controller, path = pa.make_controller(robot, dt=4e-3), pa.reachable_circle(robot)
+    controller = pa.make_controller(robot, dt=4e-3)
+    path = pa.reachable_circle(robot)
     rollout = pa.simulate(
         robot, controller, path, duration=1.7, events=pa.Events(changes={0.5: heavy})
     )
@@ -167,16 +168,19 @@ def write_bag(path, kind, log, names, *, more=None):
     store = typesys.get_typestore(stores.ROS1_NOETIC if ros == 1 else stores.ROS2_HUMBLE)
     types = store.types
     if ros == 1:
-        writer, pack = rosbag1.Writer(path), store.serialize_ros1
+        writer = rosbag1.Writer(path)
+        pack = store.serialize_ros1
     else:
         plugin = rosbag2.StoragePlugin[kind.upper()]
-        writer, pack = rosbag2.Writer(path, version=9, storage_plugin=plugin), store.serialize_cdr
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        pack = store.serialize_cdr
     topics = {}
 
     def write(topic, kind, t, **content):
         if topic not in topics:
             topics[topic] = writer.add_connection(topic, kind, typestore=store)
-        seconds, extra = int(STAMP + t), {"seq": 0} if ros == 1 else {}
+        seconds = int(STAMP + t)
+        extra = {"seq": 0} if ros == 1 else {}
         stamp = types["builtin_interfaces/msg/Time"](
             sec=seconds, nanosec=round((STAMP + t - seconds) * 1e9) % 10**9
         )

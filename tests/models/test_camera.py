@@ -76,7 +76,8 @@ def test_identities_on_random_chains(robot):
 
 @pytest.mark.parametrize(("name", "count"), [("panda", 1), ("ur5", 2), ("planar_2r", 1)])
 def test_the_error_of_a_picture_is_linear_however_wrong_the_estimate_is(name, count):
-    robot, rng = catalogue_robot(name), np.random.default_rng(3)
+    robot = catalogue_robot(name)
+    rng = np.random.default_rng(3)
     true, believed = filmed(robot, count)
     kinematics = CameraKinematics(believed, ["tool"])
     truth = kinematics.value(true)
@@ -94,7 +95,8 @@ def test_the_error_of_a_picture_is_linear_however_wrong_the_estimate_is(name, co
 
 
 def test_velocity_of_a_picture_by_differences():
-    robot, rng = catalogue_robot("ur5"), np.random.default_rng(3)
+    robot = catalogue_robot("ur5")
+    rng = np.random.default_rng(3)
     true, _ = filmed(robot, 2)
     q, v, _ = random_state(robot, rng)
     q = pin.interpolate(robot.model, robot.q0, q, 0.3)
@@ -142,7 +144,8 @@ def test_the_camera_is_found_from_frames():
     robot = catalogue_robot("panda")
     true, believed = filmed(robot)
     kinematics = CameraKinematics(believed, ["tool"])
-    motion, samples = SmallExcitation(robot), []
+    motion = SmallExcitation(robot)
+    samples = []
     for t in np.arange(0.0, 2.0, 0.04):
         q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
         samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
@@ -167,7 +170,8 @@ def test_the_camera_is_found_from_frames():
 
 def pixels_of(model, data, site):
     """Return what MuJoCo's own camera 0 sees of a site: pixels of a picture of 1000 rows."""
-    R, seen = data.cam_xmat[0].reshape(3, 3), data.site_xpos[site] - data.cam_xpos[0]
+    R = data.cam_xmat[0].reshape(3, 3)
+    seen = data.site_xpos[site] - data.cam_xpos[0]
     right, up, back = seen @ R
     focal = 500.0 / np.tan(np.radians(model.cam_fovy[0]) / 2.0)
     return focal * np.array([right, -up]) / -back

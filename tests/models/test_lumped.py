@@ -35,7 +35,8 @@ def translations(robot, rng):
         if rng.random() < 0.4 and joint > 1:
             continue
         nominal = robot.model.jointPlacements[joint].translation
-        directions, length = np.eye(3), np.linalg.norm(nominal)
+        directions = np.eye(3)
+        length = np.linalg.norm(nominal)
         if rng.random() < 0.6 and length > 1e-9:
             directions = nominal[:, None] / length
         labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
@@ -61,8 +62,10 @@ def check_exact(dynamics, true, rng):
     assert a_d is not None
     q, v, a = random_state(true, rng)
     v_r, a_r = rng.standard_normal((2, true.model.nv))
-    model, data = true.model, true.model.createData()
-    tau, M = pin.rnea(model, data, q, v, a), pin.crba(model, data, q).copy()
+    model = true.model
+    data = true.model.createData()
+    tau = pin.rnea(model, data, q, v, a)
+    M = pin.crba(model, data, q).copy()
     g = pin.computeGeneralizedGravity(model, data, q).copy()
     C = pin.computeCoriolisMatrix(model, data, q, v).copy()
     scale = 1.0 + np.abs(tau).max()
@@ -104,7 +107,8 @@ def test_lumped_regressor_equals_rnea_at_the_true_lengths(robot, seed, rotors):
 
 @pytest.mark.parametrize("name", ["panda", "scara"])
 def test_lumped_parameters_of_catalogue_robots(name):
-    robot, rng = catalogue_robot(name), np.random.default_rng(0)
+    robot = catalogue_robot(name)
+    rng = np.random.default_rng(0)
     dynamics = pa.models.LumpedDynamics(robot)
     check_exact(dynamics, another(robot, dynamics.translations, rng), rng)
 
@@ -177,14 +181,16 @@ def projections():
 @pytest.mark.parametrize("case", ["lumped", "bodies", "payload", "basis"])
 def test_projection_keeps_the_mass_matrix_positive_and_reduces_the_distance_to_the_truth(case):
     robot, dynamics = projections()[case]
-    rng, size = np.random.default_rng(2), dynamics.size
+    rng = np.random.default_rng(2)
+    size = dynamics.size
     factor = rng.standard_normal((size, size)) / np.sqrt(size)
     scale = np.diag(np.maximum(np.abs(dynamics.initial), 1e-3 * np.abs(dynamics.initial).max()))
     Gamma = scale @ (factor @ factor.T + np.eye(size)) @ scale
     adaptation = pa.adaptation.MassMatrixProjection(
         pa.adaptation.Gradient(Gamma, size), dynamics, robot
     )
-    data, moved = robot.model.createData(), 0
+    data = robot.model.createData()
+    moved = 0
     for _ in range(30):
         q, _, _ = random_state(robot, rng)
         a = dynamics.initial + 3.0 * scale @ rng.standard_normal(size)

@@ -23,9 +23,11 @@ ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm"]
 
 def check_momentum(model):
     """Y_M pi = M v by CRBA and Y_0 pi = g - C^T v by the Coriolis matrix, to rounding."""
-    rng, model = np.random.default_rng(3), model.copy()
+    rng = np.random.default_rng(3)
+    model = model.copy()
     model.armature = np.zeros(model.nv)
-    data, pi = model.createData(), inertial_parameters(model)
+    data = model.createData()
+    pi = inertial_parameters(model)
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     v = rng.standard_normal(model.nv)
     regressor = pa.models.Regressor(model)
@@ -106,7 +108,8 @@ def recorded(name, dt, control=None, **truth):
 
 def along(filters, run):
     """Return W (N, n, p) and y (N, n) of a rollout of N samples."""
-    state, found = filters.init(run.q[0], run.v[0]), []
+    state = filters.init(run.q[0], run.v[0])
+    found = []
     for q, v, tau, dt in zip(run.q, run.v, run.tau, np.append(np.diff(run.t), 0.0), strict=True):
         found.append(filters.observe(state, q, v))
         state = filters.step(found[-1], tau, float(dt))
@@ -125,7 +128,8 @@ def mismatch(name, dt, **truth):
 def test_filtered_regressor_predicts_the_filtered_torque(name):
     """W a = y from the first sample on, with an error that falls with the square of the period."""
     truth = {"payload": pa.Payload(0.3, [0.0, 0.0, 0.02]), "viscous": 0.2}
-    coarse, fine = mismatch(name, 2e-3, **truth), mismatch(name, 1e-3, **truth)
+    coarse = mismatch(name, 2e-3, **truth)
+    fine = mismatch(name, 1e-3, **truth)
     assert fine < 2e-5
     assert fine < 0.3 * coarse
     # Coulomb friction may change its sign within a period, which samples do not show
@@ -139,7 +143,8 @@ def test_filtered_regressor_predicts_the_torque_of_declared_late_motors():
     controller = pa.make_controller(robot, unknown=pa.Unknown(friction=True), adaptation="none")
     engine = pa.Engine(dt=2e-3, actuators=late)
     run = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=0.4, engine=engine)
-    dynamics, motors = controller.dynamics, pa.robot.motors.LateTorque(late.of(robot))
+    dynamics = controller.dynamics
+    motors = pa.robot.motors.LateTorque(late.of(robot))
     errors = []
     for believed in (motors, None):
         filters = pa.filters.FilteredRegressor(dynamics, 30.0, believed)
@@ -154,7 +159,8 @@ def test_filters_are_pure_and_take_a_measured_torque():
     measured = commanded = filters.init(run.q[0], run.v[0])
     for k in range(51):
         q, v, tau, before = run.q[k], run.v[k], run.tau[k - 1] if k else None, measured
-        seen, told = filters.observe(before, q, v, tau), filters.observe(commanded, q, v)
+        seen = filters.observe(before, q, v, tau)
+        told = filters.observe(commanded, q, v)
         measured = filters.step(seen, np.ones(6), 1e-3)  # not what the motors did
         commanded = filters.step(told, run.tau[k], 1e-3)
     assert np.allclose(seen.y, told.y, rtol=1e-12, atol=1e-12)

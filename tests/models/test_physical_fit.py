@@ -36,7 +36,8 @@ def test_it_is_the_minimum_and_physical(seed, rows):
     a = physical_fit(A, b, physical, gamma=GAMMA)
     assert (np.linalg.eigvalsh(physical.matrices(a)) > 0.0).all()
     assert (physical.coefficients(a) > 0.0).all()
-    least, T = objective(A, b, physical, a), physical.local(a)[0]
+    least = objective(A, b, physical, a)
+    T = physical.local(a)[0]
     rng = np.random.default_rng(9)
     for _ in range(40):  # steps of the size of what bounds the set there
         step = T @ rng.standard_normal(a.size)

@@ -33,7 +33,8 @@ def test_identities(robot):
 @pytest.mark.parametrize("name", ["ur5", "scara"])
 def test_the_columns_are_the_derivatives_by_the_placements(name):
     """And what is left of a wrong arm is of second order, within its bound."""
-    robot, rng = catalogue_robot(name), np.random.default_rng(1)
+    robot = catalogue_robot(name)
+    rng = np.random.default_rng(1)
     kinematics = FrameKinematics(robot, GEOMETRY)
     q, v, _ = random_state(robot, rng)
     kinematics.update(kinematics.initial, q, v)
@@ -62,7 +63,8 @@ def test_parameters_of_a_robot_exist_without_turns():
         tool_translation=[0.03, -0.02, 0.08],
         link_translation={"elbow_joint": [0.01, 0.02, -0.01], "wrist_2_joint": [0.0, 0.01, 0.02]},
     )
-    a_k, rng = kinematics.value(longer), np.random.default_rng(2)
+    a_k = kinematics.value(longer)
+    rng = np.random.default_rng(2)
     q, v, _ = random_state(robot, rng)
     kinematics.update(a_k, q, v)
     assert kinematics.x_hat == pytest.approx(longer.position(q), abs=1e-12)
@@ -96,7 +98,8 @@ def test_a_turned_arm_is_followed_and_its_geometry_learned():
     controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=4e-3)
     path = pa.reachable_circle(robot).starting_at(true.position(true.q0))
     rollout = pa.simulate(true, controller, path, duration=1.0, progress=False)
-    kinematics, left = controller.kinematics, []
+    kinematics = controller.kinematics
+    left = []
     for k in (25, -1):
         kinematics.update(rollout.a_k[k], rollout.q[k], rollout.v[k])
         left.append(np.linalg.norm(kinematics.x_hat - rollout.x[k]))

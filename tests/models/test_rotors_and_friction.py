@@ -37,14 +37,16 @@ def test_effects_of_random_chains(robot, seed, unknown):
     bodies = pa.models.BodyDynamics(robot.changed(armature=0.0, viscous=0.0, coulomb=0.0))
     effects = pa.models.JointEffects(true, unknown)
     dynamics = pa.models.StackedDynamics(bodies, effects)
-    n, shafts = robot.model.nv, len(true.friction.shafts)
+    n = robot.model.nv
+    shafts = len(true.friction.shafts)
     if unknown == KINDS:
         assert effects.size == 6 * n + 3 * shafts and effects.signed == 2 * n
     a_d = dynamics.value(true)
     for _ in range(3):
         dynamics.load(a_d)
         q, v, a = random_state(robot, rng)
-        tau, Y = torque_of_everything(true, q, v, a), dynamics.regressor(q, v, a)
+        tau = torque_of_everything(true, q, v, a)
+        Y = dynamics.regressor(q, v, a)
         near = {"rtol": 1e-9, "atol": 1e-10 * np.abs(tau).max()}
         np.testing.assert_allclose(dynamics.torque(q, v, a), tau, **near)
         if unknown == KINDS:
@@ -54,7 +56,8 @@ def test_effects_of_random_chains(robot, seed, unknown):
         np.testing.assert_allclose(feedforward, tau, **near)
         rest = dynamics.torque(q, v, np.zeros(n))
         np.testing.assert_allclose(dynamics.mass_matrix(q) @ a, tau - rest, rtol=1e-7, atol=1e-9)
-        now, momentum = dynamics.momentum(q, v), dynamics.mass_matrix(q) @ v
+        now = dynamics.momentum(q, v)
+        momentum = dynamics.mass_matrix(q) @ v
         np.testing.assert_allclose(now.Y_M @ a_d + now.p_0, momentum, rtol=1e-7, atol=1e-9)
         dynamics.load(1.3 * a_d)
         np.testing.assert_allclose(dynamics.torque(q, v, a), tau + 0.3 * Y @ a_d, **near)
@@ -101,10 +104,8 @@ def test_lyapunov_equality_with_friction(law, name):
 
 
 def test_exponentiated_gradient_keeps_estimates_positive():
-    adaptation, rng = (
-        pa.adaptation.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]),
-        np.random.default_rng(0),
-    )
+    adaptation = pa.adaptation.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0])
+    rng = np.random.default_rng(0)
     a = np.array([1e-3, 1.0, 100.0])
     for _ in range(200):
         after = stepped(adaptation, a, 1e4 * rng.standard_normal(3), 1e-2)

@@ -32,11 +32,13 @@ def test_identities_on_robots(name):
 
 def test_identities_of_poses():
     """Of which an observer has the orientation: the velocity and acceleration are linear."""
-    robot, rng = pa.load("panda", task="pose"), np.random.default_rng(5)
+    robot = pa.load("panda", task="pose")
+    rng = np.random.default_rng(5)
     kinematics = TrackerKinematics(robot, ["tool"])
     q, v, a = random_state(robot, rng)
     a_k = kinematics.initial + 0.2 * rng.standard_normal(kinematics.size)
-    given, rows = (kinematics, (q, v, a), a_k, rng.standard_normal(a_k.size)), kinematics.positions
+    given = (kinematics, (q, v, a), a_k, rng.standard_normal(a_k.size))
+    rows = kinematics.positions
     size = check_motion(*given, accuracy=1e-8, rows=rows)
     assert np.allclose(kinematics.Y_k @ a_k, kinematics.xd_hat, atol=1e-12 * size)
     xdd = kinematics.J @ a + kinematics.Jdot_v
@@ -52,7 +54,8 @@ def test_identities_on_random_chains(robot):
 
 @pytest.mark.parametrize("name", ["panda", "scara", "planar_2r"])
 def test_the_true_parameters_are_those_of_tracker_and_tool(name):
-    robot, rng = catalogue_robot(name), np.random.default_rng(2)
+    robot = catalogue_robot(name)
+    rng = np.random.default_rng(2)
     turn = [0.0, 0.0, 2.0] if robot.task.size == 2 else TURN
     true = robot.changed(tool_translation=[0.03, -0.02, 0.0]).seen_from(turn, PLACE)
     kinematics = TrackerKinematics(robot, ["tool"])
@@ -71,7 +74,8 @@ def test_the_true_parameters_are_those_of_tracker_and_tool(name):
 
 def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
     """Return a circle in the axes of the tracker, beside where the robot is."""
-    R, rows = pin.exp3(np.array(turn)), robot.task.place
+    R = pin.exp3(np.array(turn))
+    rows = robot.task.place
     x_0 = true.position(true.q0) + (R @ by)[rows]
     u, w = (R @ e for e in np.eye(3)[:2])
 
@@ -187,7 +191,8 @@ def test_a_pose_is_followed_whose_marker_is_turned_on_the_tool():
     robot = pa.load("ur5", task="pose")
     turn = np.radians(120.0) * TURN / np.linalg.norm(TURN)
     true = with_marker(robot.changed(tool_translation=TOOL)).seen_from(turn, PLACE)
-    p_0, R_0 = true.placement(true.q0).translation, true.placement(true.q0).rotation
+    p_0 = true.placement(true.q0).translation
+    R_0 = true.placement(true.q0).rotation
 
     def path(t):
         tilt = 0.1 * (1.0 - np.cos(np.pi * t)) * pin.exp3(turn)[:, 2]
@@ -209,7 +214,8 @@ def frames():
     """Measurements of a wiggling Panda with a tool, seen by a tracker."""
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=TOOL).seen_from(TURN, PLACE)
-    motion, samples = SmallExcitation(robot), []
+    motion = SmallExcitation(robot)
+    samples = []
     for t in np.arange(0.0, 2.0, 0.01):
         q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
         samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))

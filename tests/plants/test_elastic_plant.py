@@ -25,7 +25,8 @@ def elastic(robot, stiffness, *, substeps=None, **springs):
 @pytest.mark.parametrize("name", ["scara", "kinova"])
 def test_energy_is_conserved(name):
     """After a push, without torque: the energy error decreases with the square of the step."""
-    robot, lost = robot_with_motors(name), []
+    robot = robot_with_motors(name)
+    lost = []
     for substeps in (4, 8):
         plant = elastic(robot, 2000.0, substeps=substeps)
         for _ in range(50):
@@ -42,7 +43,8 @@ def test_energy_is_conserved(name):
 def test_stiff_springs_give_the_rigid_robot():
     """The difference decreases with the stiffness, down to that of two integrators."""
     robot = robot_with_motors(viscous=0.5, coulomb=0.5)
-    rigid, ends = pa.plants.PinocchioPlant(robot, substeps=8), []
+    rigid = pa.plants.PinocchioPlant(robot, substeps=8)
+    ends = []
     t = 1e-3 * np.arange(200)
     torque = np.outer(np.sin(5.0 * t), [20.0, 30.0, 20.0, 3.0, 2.0, 1.0])
     stiffnesses = (1e4, 1e5, 1e8)
@@ -60,7 +62,9 @@ def test_stiff_springs_give_the_rigid_robot():
 
 def test_a_joint_oscillates_at_the_frequency_of_its_spring():
     """A motor and a link on a spring: w^2 = K (1 / B + 1 / M)."""
-    robot, K, B = catalogue_robot("planar_2r"), 800.0, 0.4
+    robot = catalogue_robot("planar_2r")
+    K = 800.0
+    B = 0.4
     robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
     robot = robot.changed(armature=B)
     plant = elastic(robot, K, substeps=5)

@@ -23,7 +23,8 @@ def ending(plant, torques, dt):
 
 def test_every_joint_has_its_own_delay():
     """Joints with one delay move as their own torques arrive: checked against torques shifted."""
-    robot, dt = catalogue_robot("ur5"), 1e-3
+    robot = catalogue_robot("ur5")
+    dt = 1e-3
     torques = 5.0 * np.random.default_rng(0).standard_normal((20, 6))
     delays = np.array([0.0, 2e-3, 0.0, 5e-3, 5e-3, 0.0])
     arrived = np.empty_like(torques)
@@ -41,10 +42,14 @@ def test_every_joint_has_its_own_delay():
 def test_a_bandwidth_is_a_first_order_low_pass(dt):
     """The pieces' means are the exact means of the low pass's output, at any period."""
     own = pa.robot.Actuators(bandwidth=[50.0, 200.0, *[np.inf] * 4])
-    late, rest, step = LateTorque(own.of(catalogue_robot("ur5"))), np.zeros(6), np.ones(6)
+    late = LateTorque(own.of(catalogue_robot("ur5")))
+    rest = np.zeros(6)
+    step = np.ones(6)
     at_rest, underway = late.after(None, rest, dt, 1e-3)
     assert all(np.array_equal(tau, rest) for tau, _ in at_rest)
-    t, pieces, again = 0.0, [], underway
+    t = 0.0
+    pieces = []
+    again = underway
     for _ in range(5):
         more, underway = late.after(underway, step, dt, 1e-3)
         pieces += more

@@ -38,7 +38,8 @@ def path(tmp_path):
 
 def swing(plant, seconds=0.1):
     """Hold a plant against gravity, push it about, and return what it measures."""
-    weight, push = pa.robot.Gravity(plant.robot), np.linspace(3.0, 0.2, plant.nv)
+    weight = pa.robot.Gravity(plant.robot)
+    push = np.linspace(3.0, 0.2, plant.nv)
     for k in range(round(seconds / 1e-3)):
         plant.step(weight(plant.measure().q) + push * np.sin(0.03 * k), 1e-3)
     return plant.measure()
@@ -47,7 +48,8 @@ def swing(plant, seconds=0.1):
 def test_the_same_robot_in_a_file_moves_alike(path):
     robot = load("panda")
     plant = pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(path, **MATCH))
-    theirs, ours = swing(plant), swing(pa.plants.MujocoPlant(robot))
+    theirs = swing(plant)
+    ours = swing(pa.plants.MujocoPlant(robot))
     for name in ("q", "v", "x", "xd"):
         assert np.allclose(getattr(theirs, name), getattr(ours, name), rtol=0.0, atol=1e-5)
     assert np.abs(ours.xd).max() > 0.01
@@ -58,7 +60,8 @@ def test_the_same_robot_in_a_file_moves_alike(path):
 
 
 def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_path):
-    robot, path = load("panda"), tmp_path / "own.xml"
+    robot = load("panda")
+    path = tmp_path / "own.xml"
     own_file(robot, path, rename=short)
     path.write_text(path.read_text().replace('<body name="link', '<body gravcomp="1" name="link'))
     fallen = []
@@ -77,7 +80,8 @@ def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_descriptio
     real = robot.changed(tool_translation=[0.02, 0.0, 0.05], inertial_scale=1.2)
     heavy = {"inside": FINGER.format(mass=1.0, inertia=1e-3), "stand": STAND}
     own = own_file(real, tmp_path / "own.xml", rename=short, **heavy)
-    mjcf, path = pa.plants.MujocoFile(own, **MATCH), circle_at_home(real)
+    mjcf = pa.plants.MujocoFile(own, **MATCH)
+    path = circle_at_home(real)
     controllers = (
         pa.make_controller(robot, dt=4e-3, **options)
         for options in ({}, {"adaptation": "none", "gamma_k": 0.0})

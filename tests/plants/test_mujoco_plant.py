@@ -49,11 +49,14 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
     """MuJoCo's method of Runge and Kutta against the equation of motion of Pinocchio."""
     robot = robot_named(name)
     robot = robot.changed(viscous=0.05, armature=robot.model.armature + 0.01)
-    plant, n, y = pa.plants.PinocchioPlant(robot), robot.model.nv, np.zeros(2 * robot.model.nv)
+    plant = pa.plants.PinocchioPlant(robot)
+    n = robot.model.nv
+    y = np.zeros(2 * robot.model.nv)
     push = 10.0 * np.diag(plant.mass_matrix(robot.q0))
 
     def rates(t, y, tau):
-        q, v = plant.integrate(robot.q0, y[:n]), y[n:]
+        q = plant.integrate(robot.q0, y[:n])
+        v = y[n:]
         return np.concatenate([v, plant.acceleration_at(q, v, tau)])
 
     for k in range(150):
@@ -73,7 +76,8 @@ def test_stops_hold_joints_at_full_torque():
     robot = load("panda").changed(viscous=5.0)
     lower, upper = position_limits(robot.model)
     for sign in (-1.0, 1.0):
-        plant, beyond = pa.plants.MujocoPlant(robot), []
+        plant = pa.plants.MujocoPlant(robot)
+        beyond = []
         for _ in range(2000):
             plant.step(sign * effort_limits(robot.model), 1e-3)
             q = plant.measure().q

@@ -21,14 +21,16 @@ class Pendulum(pa.plants.Plant):
     nv, mass, length = 1, 1.3, 0.7
 
     def reset(self):
-        self.t, self.state = 0.0, np.array([0.4, 0.0])
+        self.t = 0.0
+        self.state = np.array([0.4, 0.0])
 
     def measure(self):
         q, v = self.state
         return pa.Measurement(self.t, np.array([q]), np.array([v]), np.array([q]))
 
     def step(self, torque, dt):
-        inertia, weight = self.mass * self.length**2, 9.81 * self.mass * self.length
+        inertia = self.mass * self.length**2
+        weight = 9.81 * self.mass * self.length
 
         def slope(_, y):
             return [y[1], (torque[0] - weight * np.sin(y[0])) / inertia]
@@ -48,7 +50,8 @@ class Feedback:
 
 
 def test_a_loop_runs_on_a_custom_plant():
-    plant, path = Pendulum(), pa.trajectories.Hold([0.4])
+    plant = Pendulum()
+    path = pa.trajectories.Hold([0.4])
     samples = list(pa.run(plant, Feedback(), path, dt=4e-3, duration=3.0))
     assert len(samples) == 750 and samples[-1].state == 749
     assert np.allclose([sample.t for sample in samples], 4e-3 * np.arange(750))
@@ -66,9 +69,12 @@ def test_a_loop_runs_on_a_custom_plant():
 def test_the_integrator_is_of_second_order(name):
     robot = load(name).changed(viscous=0.5)
     q, v, _ = random_state(robot, np.random.default_rng(0))
-    model, tau, ends = robot.model, np.linspace(2.0, 1.0, robot.model.nv), []
+    model = robot.model
+    tau = np.linspace(2.0, 1.0, robot.model.nv)
+    ends = []
     for count in (20, 40, 80):
-        step, state = FittedMidpoint(robot), (q, v)
+        step = FittedMidpoint(robot)
+        state = (q, v)
         for _ in range(count):
             state = step(*state, tau, 0.05 / count)
         ends.append(np.concatenate([pin.difference(model, q, state[0]), state[1]]))
@@ -92,7 +98,8 @@ def test_viscous_friction_on_one_joint_is_exact_for_any_step(h):
     q, v = FittedMidpoint(wheel(inertia).changed(viscous=viscous))(
         np.zeros(1), np.array([start]), np.array([tau]), h
     )
-    rest, left = tau / viscous, np.exp(-h * viscous / inertia)
+    rest = tau / viscous
+    left = np.exp(-h * viscous / inertia)
     assert np.isclose(v[0], rest + (start - rest) * left, rtol=1e-9)
     path = rest * h + (start - rest) * (1.0 - left) * inertia / viscous
     assert np.isclose(q[0], path, rtol=1e-9)
@@ -102,7 +109,8 @@ def test_viscous_friction_on_one_joint_is_exact_for_any_step(h):
 def test_a_joint_in_stiction_creeps_at_the_velocity_of_the_torque_balance(inertia):
     """For any inertia: explicit methods diverge if the friction is stiff."""
     step = FittedMidpoint(wheel(inertia).changed(coulomb=0.5))
-    q, v = np.zeros(1), np.zeros(1)
+    q = np.zeros(1)
+    v = np.zeros(1)
     for _ in range(200):
         q, v = step(q, v, np.array([0.2]), 1e-2)
     assert np.isclose(v[0], 0.01 * np.arctanh(0.2 / 0.5), rtol=1e-6)

@@ -17,7 +17,8 @@ DT = 1e-3
 
 def moving(robot, count, dt=DT):
     """Return ideal measurements of all joints moving from home at 1 rad/s."""
-    plant, v = pa.plants.PinocchioPlant(robot), np.ones(robot.model.nv)
+    plant = pa.plants.PinocchioPlant(robot)
+    v = np.ones(robot.model.nv)
     return [
         plant.measurement(pin.integrate(robot.model, robot.q0, k * dt * v), v, k * dt)
         for k in range(count)
@@ -80,7 +81,8 @@ def test_frames_are_taken_at_multiples_of_the_interval_and_arrive_late():
 @pytest.mark.parametrize(("name", "number"), [("scara", 100), ("kinova", 2250)])
 def test_positions_are_whole_counts_and_velocities_their_differences(name, number):
     """Also of continuous joints, which make more than a turn and stay on the circle."""
-    robot, dt = load(name), 4e-3 if name == "kinova" else DT
+    robot = load(name)
+    dt = 4e-3 if name == "kinova" else DT
     count = np.linspace(1e-4, 6e-3, robot.model.nv)
     truths, samples = seen(robot, number, dt, encoder=count)
     for truth, sample in list(zip(truths, samples, strict=True))[::31]:
@@ -127,10 +129,8 @@ def test_measured_torques_are_those_of_the_last_period():
     robot = load("ur5")
     noise = {"tau": 1e-9}
     controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(noise=noise))
-    plant, sensors = (
-        pa.plants.PinocchioPlant(robot),
-        pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise=noise)),
-    )
+    plant = pa.plants.PinocchioPlant(robot)
+    sensors = pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise=noise))
     samples = list(
         pa.run(plant, controller, pa.reachable_circle(robot), duration=0.05, sensors=sensors)
     )

@@ -33,7 +33,8 @@ LOOPS = {
 def loop(options):
     """Return a robot, its plant, a controller, its first state, and a set point."""
     robot = pa.load("planar_2r")
-    controller, plant = pa.make_controller(robot, **options), pa.plants.PinocchioPlant(robot)
+    controller = pa.make_controller(robot, **options)
+    plant = pa.plants.PinocchioPlant(robot)
     first = plant.measure()
     desired = pa.Desired(first.x.copy(), np.zeros(2), np.zeros(2))
     return robot, plant, controller, controller.init(first), desired

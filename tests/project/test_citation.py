@@ -31,7 +31,8 @@ def test_the_entries_of_a_law_are_complete_and_of_its_docstring(law):
     assert list(cited)[-2:] == ["Carpentier2019", "pinadapt"]
     assert all({"author", "title", "year"} <= set(fields) for _, fields in cited.values())
     for key in sources:
-        year, surname = cited[key][1]["year"], cited[key][1]["author"].split(",")[0]
+        year = cited[key][1]["year"]
+        surname = cited[key][1]["author"].split(",")[0]
         assert year in kind_of_law.__doc__ and surname in kind_of_law.__doc__
 
 

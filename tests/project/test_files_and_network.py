@@ -42,7 +42,8 @@ def planar():
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, robot, planar):
     """Return kind -> the bytes of its files, and a function that reads them from a folder."""
-    log, folder = recorded("ur5", duration=1.2, dt=1e-2, rate=10.0), tmp_path_factory.mktemp("a")
+    log = recorded("ur5", duration=1.2, dt=1e-2, rate=10.0)
+    folder = tmp_path_factory.mktemp("a")
     write_csv(folder / "a.csv", columns_of(log, range(6)))
     arrays = {"t": log.t, "q": log.q, "v": log.v, "tau": log.tau, "x": log.x, "x_time": log.x_time}
     np.savez(folder / "a.npz", joint_names=np.array(robot.joint_names), **arrays)
@@ -76,7 +77,8 @@ def damaged(data, rng):
     """Return bytes with one or three faults: flipped, cut, repeated, or other numbers and marks."""
     data = bytearray(data)
     for _ in range(rng.choice([1, 3])):
-        at, kind = rng.randrange(len(data)), rng.randrange(5)
+        at = rng.randrange(len(data))
+        kind = rng.randrange(5)
         if kind == 0:
             data[at] = rng.randrange(256)
         elif kind == 1:
@@ -108,8 +110,10 @@ KINDS = (
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
     folder, readers = whole
-    rng, refused = random.Random(kind), 0
-    source, copy = folder / kind, tmp_path / kind
+    rng = random.Random(kind)
+    refused = 0
+    source = folder / kind
+    copy = tmp_path / kind
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         readers[kind](source)

@@ -282,7 +282,9 @@ def test_what_would_be_wrong_in_silence_is_refused(what):
 
 @pytest.mark.parametrize("task", ["xyz", "joint"])
 def test_models_refuse_a_q_of_another_size(task):
-    control, q, v = pa.make_controller(pa.load("ur5", task=task)), np.zeros(5), np.zeros(6)
+    control = pa.make_controller(pa.load("ur5", task=task))
+    q = np.zeros(5)
+    v = np.zeros(6)
     with pytest.raises(pa.InputError, match=r"\(6,\).*\(5,\)"):
         control.kinematics.update(control.kinematics.initial, q, v)
     rates = {"mass_matrix": 0, "torque": 2, "regressor": 2, "slotine_li": 3, "momentum": 1}

@@ -58,12 +58,14 @@ class Seeing(FrankaArm):
     """An arm with a camera."""
 
     def read(self):
-        m, frame = super().read(), self.camera()
+        m = super().read()
+        frame = self.camera()
         return m if frame is None else m._replace(x=frame[0], x_time=min(frame[1], m.t))
 
 
 def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
-    path, of = tmp_path / "franka.mcap", controller()
+    path = tmp_path / "franka.mcap"
+    of = controller()
     franka.camera()  # frames of an earlier connection, on another clock
     circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
     options = {"safety": Safety(late=10**6, contact=1.0), "scheduling": ORDINARY}
@@ -72,7 +74,8 @@ def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
         loop = RealtimeLoop(arm, of, circle, stage="adapt", recorder=recorder, **options)
         ending = loop.run(1.0)
     assert not ending.failed, ending
-    log, model = CycleLog.read(path), robot().changed(tool_translation=TOOL)
+    log = CycleLog.read(path)
+    model = robot().changed(tool_translation=TOOL)
     assert log.replay(of).same
     at = np.flatnonzero(log.stepped)[:1000:50]
     x = np.array([model.position(q) for q in log.cycles.q[at]])

@@ -34,9 +34,13 @@ class Motors(threading.Thread):
     def __init__(self, channel):
         super().__init__(daemon=True)
         self.bus = can.Bus(interface="virtual", channel=channel, fd=True)
-        self.plant, self.torque = pa.plants.PinocchioPlant(robot()), np.zeros(2)
-        self.braked, self.fault, self.count = set(), 0, 0
-        self.begun, self.running = False, True
+        self.plant = pa.plants.PinocchioPlant(robot())
+        self.torque = np.zeros(2)
+        self.braked = set()
+        self.fault = 0
+        self.count = 0
+        self.begun = False
+        self.running = True
         self.start()
 
     def run(self):
@@ -49,7 +53,8 @@ class Motors(threading.Thread):
         self.bus.shutdown()
 
     def answer(self, k, motor, message):
-        said, names = moteus.parse_registers(bytes(message.data)), moteus.Register
+        said = moteus.parse_registers(bytes(message.data))
+        names = moteus.Register
         gear = motor.sign * motor.ratio
         if said.command.get(names.MODE) == moteus.Mode.BRAKE:
             self.braked.add(k)
@@ -65,7 +70,8 @@ class Motors(threading.Thread):
             if self.begun:
                 self.plant.step(self.torque, PERIOD)
         time.sleep(3e-4 * k)
-        seen, fault = self.plant.measure(), self.fault if k == 0 else 0
+        seen = self.plant.measure()
+        fault = self.fault if k == 0 else 0
         values = {
             names.MODE: 1 if fault else 10,
             names.POSITION: gear / (2.0 * np.pi) * (seen.q[k] - motor.offset),
@@ -113,7 +119,8 @@ def drive(arm, stage="hold", seconds=0.3):
     """Return the ending of a run, and its messages."""
     described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])
     controller = pa.make_controller(described, dt=PERIOD, adaptation="natural")
-    swing, said = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0), []
+    swing = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0)
+    said = []
     options = {"safety": Safety(late=10**6), "scheduling": ORDINARY, "say": said.append}
     with arm:
         return RealtimeLoop(arm, controller, swing, stage=stage, **options).run(seconds), said

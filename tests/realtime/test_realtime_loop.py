@@ -288,7 +288,8 @@ def test_nonsense_from_a_driver_ends_the_loop_damped_and_says_what_it_was(name, 
 
 @pytest.mark.parametrize("name", ["no q", "short q", "complex v"])
 def test_without_measurements_the_arm_is_braked_by_its_model_for_15_ms(name):
-    seen, gravity = [], pa.robot.Gravity(robot())
+    seen = []
+    gravity = pa.robot.Gravity(robot())
     on = faulty(lambda arm, m: seen.append(m) or NONSENSE[name][0](m), at=20, true=robot())
     assert Loop(on).ended().failed and len(seen) == 4
     for m, torque in zip(seen[1:3], on.sent[-2:], strict=True):  # the first changes by its rate

@@ -121,7 +121,8 @@ def test_mcap_reads_it(run):
         made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
         for schema, channel, message, decoded in made.iter_decoded_messages():
             found.setdefault((channel.topic, schema.name), []).append((message.log_time, decoded))
-    cycles, events = CycleLog.read(run[0]).cycles, CycleLog.read(run[0]).events
+    cycles = CycleLog.read(run[0]).cycles
+    events = CycleLog.read(run[0]).events
     rows = [decoded for _, decoded in found["/pinadapt/cycle", "pinadapt_msgs/msg/Cycle"]]
     for name in ("t", "q", "x_d", "asked", "residual", "a_d"):
         read = np.array([getattr(row, name) for row in rows]).reshape(getattr(cycles, name).shape)
@@ -223,7 +224,8 @@ def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
     with ProcessArm(partial(pa.plants.PinocchioPlant, heavy()), 20e-3) as on:
         assert on.facts.joints == tuple(robot().joint_names)
         loop = Loop(on, of=of, seconds=30.0, safety=Safety(late=10**6, error=10.0))
-        sending, count = on.send, iter(range(10**9))
+        sending = on.send
+        count = iter(range(10**9))
 
         def send(torque):
             if next(count) == 10:

@@ -43,7 +43,8 @@ def test_a_joint_brakes_before_its_stop():
     of = pa.make_controller(bounded, dt=PERIOD, adaptation="natural")
     on = faulty(None, true=bounded)
     highest = []
-    on.fault, on.at = (lambda arm, m: highest.append(m.q[0]) or m), 0
+    on.fault = lambda arm, m: highest.append(m.q[0]) or m
+    on.at = 0
     reason, phases = ended(Loop(on, motion=turning, of=of, seconds=1.0))
     assert reason.startswith("joint stop: ") and phases[1] == "damping"
     assert max(highest) < stop
@@ -61,7 +62,8 @@ def test_the_frame_stays_in_its_box():
 def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():
     on = faulty(None)
     q = []
-    on.fault, on.at = (lambda arm, m: q.append(m.q) or m), 0
+    on.fault = lambda arm, m: q.append(m.q) or m
+    on.at = 0
     loop = Loop(on, "hold", seconds=0.8)
     assert ended(loop)[1][-2:] == ["damping", "stopped"]
     damped = next(t for t, phase, _ in loop.loop.result.phases if phase == "damping")

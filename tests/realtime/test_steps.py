@@ -36,7 +36,8 @@ def feet(q):
 def test_a_crawl_on_the_clock_is_replayed_and_stops_with_a_foot_in_the_air(tmp_path):
     robot, controller = crawler()
     plant = pa.plants.MujocoPlant(robot.changed(payload=TRUE))
-    crawl, path = Crawl(steps=1).on(robot), tmp_path / "run.mcap"
+    crawl = Crawl(steps=1).on(robot)
+    path = tmp_path / "run.mcap"
     with forking(), Recorder(path, controller) as recorder:
         loop = Loop(
             PlantArm(plant, PERIOD), "adapt", IN_THE_AIR, crawl, controller, recorder=recorder
@@ -44,7 +45,8 @@ def test_a_crawl_on_the_clock_is_replayed_and_stops_with_a_foot_in_the_air(tmp_p
         ending = loop.ended()
     assert loop.phases == ["running", "holding", "damping", "stopped"] and not ending.failed
     (foot,) = np.flatnonzero(~ending.state.stands)
-    there, planned = feet(plant.measure().q), crawl.footholds[0]
+    there = feet(plant.measure().q)
+    planned = crawl.footholds[0]
     assert there[foot, 2] > 0.02
     others = np.arange(4) != foot
     assert np.abs(there - planned)[others].max() < 1e-3
@@ -55,10 +57,12 @@ def test_a_crawl_on_the_clock_is_replayed_and_stops_with_a_foot_in_the_air(tmp_p
 def test_a_new_motion_waits_until_all_feet_stand():
     robot, controller = crawler()
     arm = PlantArm(pa.plants.PinocchioPlant(robot), PERIOD)
-    loop, m = Loop(arm, motion=Crawl().on(robot), of=controller).loop, arm.read()
+    loop = Loop(arm, motion=Crawl().on(robot), of=controller).loop
+    m = arm.read()
     lifted = np.zeros((4, 3))
     lifted[0] = np.nan
-    loop._halted, loop._state = True, controller.init(m)._replace(footing=lifted)
+    loop._halted = True
+    loop._state = controller.init(m)._replace(footing=lifted)
     with pytest.raises(pa.InputError, match="a foot is in the air"):
         loop._command("reference", Hold.of(robot.task, m))
     loop._state = loop._state._replace(footing=np.zeros((4, 3)))
@@ -69,7 +73,8 @@ def test_a_new_motion_waits_until_all_feet_stand():
 def test_safe_torques_hold_a_foot_in_the_air_and_the_trunk_on_the_others():
     """Were all feet taken to stand, the leg in the air would fall by 0.24 rad."""
     robot, controller = crawler()
-    plant, crawl = pa.plants.MujocoPlant(robot.changed(payload=TRUE)), Crawl(steps=1).on(robot)
+    plant = pa.plants.MujocoPlant(robot.changed(payload=TRUE))
+    crawl = Crawl(steps=1).on(robot)
     *_, last = pa.run(plant, controller, crawl, dt=PERIOD, duration=0.8)
     _, state = controller.step(last.state, last.measurement, last.desired, PERIOD)
     assert state.stands.sum() == 3
@@ -84,7 +89,8 @@ def test_a_torque_beside_gravity_reaches_the_ground_by_the_feet():
     """That of a load nobody knows of: without it the trunk sinks by 17 mm."""
     robot, controller = crawler()
     true = robot.changed(payload=TRUE)
-    q, sunk = robot.q0, []
+    q = robot.q0
+    sunk = []
     known, found = (
         pin.computeGeneralizedGravity(one.model, one.model.createData(), q) for one in (robot, true)
     )

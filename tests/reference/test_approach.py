@@ -38,7 +38,8 @@ def test_an_approach_is_smooth_and_ends_in_the_motion(task, motion, start):
             atol=1e-8,
         )
         assert np.allclose(now.xdd_d, derivative(lambda h, t=t: approach.at(t + h).xd_d), atol=1e-6)
-    before, after = approach.at(0.6 - 1e-9), approach.at(0.6 + 1e-9)
+    before = approach.at(0.6 - 1e-9)
+    after = approach.at(0.6 + 1e-9)
     assert np.allclose(task.error(after.x_d, before.x_d), 0.0, atol=1e-8)
     assert np.allclose(before.x_d[-1:], after.x_d[-1:], atol=1e-8)  # no whole turn in between
     assert np.allclose(before.xdd_d, after.xdd_d, atol=1e-6)

@@ -31,12 +31,14 @@ loaded = cache(pa.load)  # two tests ask the same robots
 def test_init_and_load_choose_the_same(path, tmp_path):
     file = tmp_path / "scenario.toml"
     assert main(["init", str(path), "--out", str(file)]) == 0
-    written, robot = read_toml(file)["robot"], loaded(path)
+    written = read_toml(file)["robot"]
+    robot = loaded(path)
     assert (written["frame"], written["task"]) == (robot.frame, robot.task.name)
     np.testing.assert_allclose(written["q0"], robot.home_angles, rtol=0.0, atol=1e-10)
     lower, upper = position_limits(robot.model)
     assert ((lower < robot.home_angles) & (robot.home_angles < upper)).all()
-    scenario, circle = Scenario.read(file), pa.reachable_circle(robot)
+    scenario = Scenario.read(file)
+    circle = pa.reachable_circle(robot)
     np.testing.assert_allclose(circle.at(0.0).x_d, robot.position(robot.q0), atol=1e-12)
     there = scenario.trajectory.starting_at(circle.at(0.0).x_d)
     for t in np.linspace(0.0, circle.period, 5):
@@ -45,7 +47,9 @@ def test_init_and_load_choose_the_same(path, tmp_path):
 
 def test_the_elbow_stays_above_the_floor():
     robot = pa.load(example_path("ur10"))
-    model, frame, rows = robot.model, robot.frame_id, robot.frame_task.rows
+    model = robot.model
+    frame = robot.frame_id
+    rows = robot.frame_task.rows
     without = find_home(model, [frame], rows, [pin.neutral(model)])
     distances = robot.mounting.distances(model, frame, [without, robot.q0])
     assert distances[0] < -0.3 and distances[1] > 0.05 * robot.reach
@@ -99,7 +103,8 @@ def test_a_floating_base_is_fixed(tmp_path):
 def test_the_circle_of_a_pose_task_can_be_tracked():
     robot = pa.load("ur5", task="pose")
     true = robot.changed(tool_translation=[0.0, 0.0, 0.05])
-    circle, start = pa.reachable_circle(robot), true.position(true.q0)
+    circle = pa.reachable_circle(robot)
+    start = true.position(true.q0)
     moved = circle.starting_at(start)
     assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)
     np.testing.assert_allclose(moved.at(0.0).x_d, start, atol=1e-12)

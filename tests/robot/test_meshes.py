@@ -7,7 +7,8 @@ from pinadapt.description.catalogue import whole_geometry
 
 
 def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
-    read, built = [], pin.buildGeomFromUrdfString
+    read = []
+    built = pin.buildGeomFromUrdfString
 
     def build(*arguments, **options):
         read.append(arguments)

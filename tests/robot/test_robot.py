@@ -26,7 +26,8 @@ described = cache(example_robot_data.load)
 def test_every_source_gives_the_same_chain(kind):
     wrapper = described("ur5")
     sources = {"path": Path(wrapper.urdf), "model": wrapper.model, "wrapper": wrapper}
-    expected, robot = load("ur5"), pa.load(sources[kind], frame="tool0")
+    expected = load("ur5")
+    robot = pa.load(sources[kind], frame="tool0")
     assert robot.joint_names == expected.joint_names
     q, v, a = random_state(expected, np.random.default_rng(0))
     assert np.allclose(robot.position(q), expected.position(q), atol=1e-12)
@@ -50,7 +51,9 @@ def test_panda_keeps_seven_joints_and_locks_its_fingers():
 
 
 def test_continuous_joints_are_set_and_read_as_angles():
-    name, nq, nv = "kinova", 9, 6
+    name = "kinova"
+    nq = 9
+    nv = 6
     angles = np.linspace(-1.2, 1.1, nv)
     robot = load(name).at(angles)
     assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
@@ -109,7 +112,8 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
 
 
 def test_a_joint_that_moves_without_inertia_is_named():
-    model, joint = pin.Model(), 0
+    model = pin.Model()
+    joint = 0
     for name, body in (("first", pin.Inertia.Zero()), ("second", pin.Inertia.FromSphere(1.0, 0.1))):
         joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), name)
         model.appendBodyToJoint(joint, body, pin.SE3.Identity())
@@ -142,7 +146,8 @@ LOAD = pa.Payload(
 def test_a_payload_is_a_body_fixed_at_the_urdfs_frame(tool):
     robot = load("panda")
     inertia = np.array([[0.010, 0.001, 0.002], [0.001, 0.012, 0.003], [0.002, 0.003, 0.014]])
-    by_hand, frame = robot.model.copy(), robot.model.frames[robot.frame_id]
+    by_hand = robot.model.copy()
+    frame = robot.model.frames[robot.frame_id]
     body = pin.Inertia(1.5, np.array([0.02, -0.01, 0.05]), inertia)
     by_hand.appendBodyToJoint(frame.parentJoint, body, frame.placement)
     loaded = robot.changed(payload=LOAD, tool_translation=tool).model
@@ -155,7 +160,8 @@ def test_a_payload_is_a_body_fixed_at_the_urdfs_frame(tool):
 
 def test_changed_models_share_no_data():
     robot = pa.load("planar_2r")
-    other, before = robot.changed(), robot.model.copy()
+    other = robot.changed()
+    before = robot.model.copy()
     assert other.model == robot.model
     other.model.inertias[1] = pin.Inertia.FromSphere(5.0, 0.1)
     other.model.jointPlacements[2].translation = np.ones(3)

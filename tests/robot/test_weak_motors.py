@@ -15,7 +15,8 @@ def test_a_load_that_the_motors_cannot_hold_causes_a_warning_before_the_run():
     told = overloaded(heavy, effort_limits(heavy.model))
     assert "shoulder_lift_joint (" in told and "elbow_joint (" in told and "N m" in told
     assert "shoulder_pan_joint" not in told  # its axis is vertical
-    controller, path = pa.make_controller(robot), pa.trajectories.Hold(heavy.position(heavy.q0))
+    controller = pa.make_controller(robot)
+    path = pa.trajectories.Hold(heavy.position(heavy.q0))
     words = "cannot hold the true robot at its home pose: shoulder_lift_joint"
     with pytest.warns(UserWarning, match=words):
         rollout = pa.simulate(heavy, controller, path, duration=0.5)

@@ -61,7 +61,8 @@ def test_slower_joints_take_longer():
     robot = catalogue_robot("ur5")
     model = robot.model.copy()
     model.velocityLimit = np.full(6, 0.1)
-    slow, fast = pa.reachable_circle(replace(robot, model=model)), pa.reachable_circle(robot)
+    slow = pa.reachable_circle(replace(robot, model=model))
+    fast = pa.reachable_circle(robot)
     assert (slow.radius, slow.plane) == (fast.radius, fast.plane)
     assert np.abs(followed(robot, slow, point(robot))[1]).max() < 0.1 < 0.5 * slow.period
 
@@ -70,7 +71,8 @@ def test_slower_joints_take_longer():
 
 
 def test_the_searched_home_beats_random_poses_inside_the_limits():
-    robot, rng = pa.load(ARM4, frame="tip"), np.random.default_rng(7)
+    robot = pa.load(ARM4, frame="tip")
+    rng = np.random.default_rng(7)
     lower, upper = position_limits(robot.model)
 
     def quality(angles):
@@ -86,7 +88,8 @@ def test_the_searched_home_beats_random_poses_inside_the_limits():
 @pytest.mark.parametrize("name", ["panda", "scara"])
 def test_the_sines_of_the_joints_keep_all_limits(name):
     robot = pa.load(name, task="joint")
-    swing, model = find_swing(robot), robot.model
+    swing = find_swing(robot)
+    model = robot.model
     assert np.abs(swing.amplitude).min() > 0.02 and len(set(swing.period)) == model.nv
     lower, upper = position_limits(model)
     for t in np.linspace(0.0, 12.0, 300):

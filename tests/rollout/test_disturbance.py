@@ -33,7 +33,8 @@ def push_at(robot, q, force):
 @pytest.mark.parametrize("name", ["ur5"])
 def test_a_push_on_a_learned_robot_is_its_joint_torque(name):
     """Sideways, as no load pushes; 0.2 s are six times the slower filter's time."""
-    force, loaded = np.array([0.0, 20.0, 0.0]), catalogue_robot(name).changed(payload=LOAD)
+    force = np.array([0.0, 20.0, 0.0])
+    loaded = catalogue_robot(name).changed(payload=LOAD)
 
     class Pushed(pa.plants.PinocchioPlant):
         time = 0.0
@@ -78,10 +79,13 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
 @pytest.mark.parametrize("told", [True, False])
 def test_a_torque_that_was_not_given_is_a_disturbance_unless_the_state_is_told(told):
     """The motors give 2 N m less than what is asked, and the arm yields."""
-    robot, less = catalogue_robot("panda"), np.full(7, 2.0)
-    controller, plant = pa.make_controller(robot, dt=DT), pa.plants.PinocchioPlant(robot)
+    robot = catalogue_robot("panda")
+    less = np.full(7, 2.0)
+    controller = pa.make_controller(robot, dt=DT)
+    plant = pa.plants.PinocchioPlant(robot)
     motion = pa.reachable_circle(robot)
-    state, given = controller.init(plant.measure()).adapt(False), None
+    state = controller.init(plant.measure()).adapt(False)
+    given = None
     for k in range(150):
         desired = motion.at(k * DT)
         state = state.gave(given) if told else state

@@ -11,7 +11,8 @@ JOINTS = ("hinge", "slide", "wheel")
 
 def arm():
     """Return a revolute, a prismatic and a continuous joint with limits."""
-    model, parent = pin.Model(), 0
+    model = pin.Model()
+    parent = 0
     kinds = (pin.JointModelRY(), pin.JointModelPX(), pin.JointModelRUBZ())
     for name, joint in zip(JOINTS, kinds, strict=True):
         parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)

@@ -21,9 +21,11 @@ def rollout():
 
 def test_errors_of_the_torques_are_those_of_the_estimates(rollout):
     """At every sample with the truth's accelerations, and not only at some of them."""
-    found, evaluation = rollout.prediction, rollout.evaluated()
+    found = rollout.prediction
+    evaluation = rollout.evaluated()
     dynamics = evaluation.controller.dynamics
-    t, v = rollout.t, rollout.v
+    t = rollout.t
+    v = rollout.v
     a = np.gradient(v, t, axis=0)
     Y = [dynamics.regressor(*state) for state in zip(rollout.q, v, a, strict=True)]
     missed = np.array(Y)[2:-2] @ (np.array([rollout.a_d[0], rollout.a_d[-1]]) - rollout.a_d_true).T

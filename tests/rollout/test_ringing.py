@@ -35,7 +35,8 @@ def test_an_oscillation_is_found_with_its_joint_frequency_and_size(frequency):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:dt = .* behind motors")
 def test_a_loop_with_late_motors_rings_until_they_are_declared_or_the_lag_is_as_advised(tmp_path):
-    robot, late = catalogue_robot("panda"), pa.robot.Actuators(delay=15e-3)
+    robot = catalogue_robot("panda")
+    late = pa.robot.Actuators(delay=15e-3)
     true = with_tool_and_load(robot)
 
     def run(**options):

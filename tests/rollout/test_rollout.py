@@ -19,7 +19,8 @@ pytestmark = pytest.mark.slow
 
 def circling(robot, path=None, duration=0.05, **options):
     """Return a short run of a robot that adapts a tool and a load, its controller and its path."""
-    true, circle = with_tool_and_load(robot), pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
+    true = with_tool_and_load(robot)
+    circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
     path = circle if path is None else path(circle)
     path = path.starting_at(true.position(true.q0)).as_given()
     controller = pa.make_controller(robot, **options)
@@ -31,14 +32,16 @@ def test_a_record_is_without_memory_and_filters_and_has_the_same_v():
     made = {"adaptation": "natural-memory", "modifications": "sigma"}
     robot = pa.load("ur5")
     rollout, controller, path = circling(robot, duration=0.1, **made)
-    true, kept = rollout.evaluation.true, rollout.evaluation.samples
+    true = rollout.evaluation.true
+    kept = rollout.evaluation.samples
     plant = pa.plants.PinocchioPlant(with_tool_and_load(robot))
     whole = list(pa.run(plant, controller, path, duration=0.1))
     sizes = [sample.state.flat().size for sample in kept]
     assert sizes[-1] == whole[-1].state.flat().size > 10 * max(sizes[:-1])
     V = [Evaluation(controller, true, each).storage(each) for each in (whole, kept)]
     assert np.array_equal(*V) and np.isfinite(V[0]).all()
-    last, before = kept[-1], kept[-2]
+    last = kept[-1]
+    before = kept[-2]
     torque, _ = controller.step(last.state, last.measurement, last.desired, 1e-3)
     assert np.array_equal(torque, last.torque)
     with pytest.raises(pa.InputError, match="filters are those of other dynamics"):

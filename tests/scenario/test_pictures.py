@@ -51,7 +51,9 @@ def test_a_camera_looks_at_its_target():
 
 def test_the_error_at_the_tool_is_that_of_its_picture(scenario, rollout):
     """To first order the tool is off by the pseudo-inverse of the picture's Jacobian."""
-    last, true, found = rollout.window(False), scenario.true, []
+    last = rollout.window(False)
+    true = scenario.true
+    found = []
     for q, x, x_d in zip(rollout.q, rollout.x, rollout.x_d, strict=True):
         J = true.task.jacobian(true.placement(q), np.eye(6)[:, :3])
         found.append(np.linalg.norm(np.linalg.pinv(J) @ (x - x_d)))

@@ -20,7 +20,8 @@ class Shortly(pa.plants.PinocchioPlant):
 
     def step(self, torque, dt):
         if 2.0 <= self._t < 2.6:
-            self._v, self._t = np.zeros(self.nv), self._t + dt
+            self._v = np.zeros(self.nv)
+            self._t = self._t + dt
         else:
             super().step(torque, dt)
 

@@ -51,12 +51,15 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit():
         plant.step(tau, 2e-3)
     before = plant.measure()
     plant.become(second)
-    alone._q, alone._v, alone._t = before.q.copy(), before.v.copy(), before.t
+    alone._q = before.q.copy()
+    alone._v = before.v.copy()
+    alone._t = before.t
     assert not np.allclose(plant.measure().x, before.x)  # another tool is elsewhere
     for _ in range(20):
         for one, other in zip(plant.measure()[:4], alone.measure()[:4], strict=True):
             assert np.array_equal(one, other)
-        q, v = plant.measure().q, plant.measure().v
+        q = plant.measure().q
+        v = plant.measure().v
         assert np.array_equal(plant.acceleration_at(q, v, tau), alone.acceleration_at(q, v, tau))
         plant.step(tau, 2e-3)
         alone.step(tau, 2e-3)
@@ -173,7 +176,8 @@ def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
     weight = pa.Payload(0.5, [0.0, 0.0, 0.0])
     state = started(controller, robot, a_d=np.array([4.0, 0.9, 0.7]))
     after = told(controller, state, payload=weight)
-    l1, l2 = 1.0, 1.2
+    l1 = 1.0
+    l2 = 1.2
     expected = 0.5 * np.array([l1**2 + l2**2, l1 * l2, l2**2])
     assert np.allclose(after.a_d - state.a_d, expected)
     assert np.allclose(after.a_0 - state.a_0, expected)
@@ -212,7 +216,8 @@ def hand_made():
     ],
 )
 def test_announcements_that_the_parameters_cannot_express_are_refused(make, news):
-    controller, true = make(), arm()
+    controller = make()
+    true = arm()
     with pytest.raises(pa.InputError):
         told(controller, started(controller, true), **news)
     events = pa.Events(announcements={5e-3: news})

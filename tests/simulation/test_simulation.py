@@ -59,7 +59,8 @@ def controlled(name, law, adaptation="natural"):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), law=law, adaptation=adaptation
     )
-    plant, desired = pa.plants.PinocchioPlant(robot), motion_at_home(robot).at(0.1)
+    plant = pa.plants.PinocchioPlant(robot)
+    desired = motion_at_home(robot).at(0.1)
     rng = np.random.default_rng(5)
     v = 0.3 * rng.standard_normal(plant.nv)
     q = plant.integrate(robot.q0, 0.05 * rng.standard_normal(plant.nv))
@@ -94,7 +95,8 @@ def test_an_unmeasured_task_velocity_is_the_estimated_one(name):
     robot = load("ur5")
     controller = pa.make_controller(robot.changed(tool_translation=[0.02, 0.0, 0.05]), law=name)
     measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.3, 6))
-    state, desired = controller.init(measurement), circle(robot).at(0.0)
+    state = controller.init(measurement)
+    desired = circle(robot).at(0.0)
     xd_hat = controller.observe(state, measurement, desired).xd_hat
     torques = [
         controller.step(state, measurement._replace(xd=xd), desired, 1e-3)[0]

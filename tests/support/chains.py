@@ -53,7 +53,8 @@ def random_placement(rng: np.random.Generator, distance: float) -> pin.SE3:
 
 def random_inertia(rng: np.random.Generator) -> pin.Inertia:
     """Return a physical inertia: a cloud of point masses."""
-    points, masses = rng.uniform(-0.2, 0.2, (6, 3)), rng.uniform(0.1, 1.0, 6)
+    points = rng.uniform(-0.2, 0.2, (6, 3))
+    masses = rng.uniform(0.1, 1.0, 6)
     mass = masses.sum()
     com = masses @ points / mass
     arms = points - com
@@ -117,7 +118,9 @@ def robot_of(law: str, name: str) -> pa.Robot:
 @cache
 def mixed_robot(task: str = "xyz") -> pa.Robot:
     """Return a slide, a continuous joint and two revolute ones."""
-    rng, model, parent = np.random.default_rng(3), pin.Model(), 0
+    rng = np.random.default_rng(3)
+    model = pin.Model()
+    parent = 0
     axis = np.array([0.6, 0.0, 0.8])
     kinds = [
         pin.JointModelPrismaticUnaligned(axis),

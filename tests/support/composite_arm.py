@@ -17,8 +17,11 @@ class Path(pa.trajectories.Trajectory):
     """q_d1 = pi/4 + 2 (1 - cos 3t), q_d2 = pi/6 + (1 - cos 5t) of the links, as joint angles."""
 
     def at(self, t):
-        w, size, start = np.array([3.0, 5.0]), np.array([2.0, 1.0]), np.pi / np.array([4.0, 6.0])
-        c, s = np.cos(w * t), np.sin(w * t)
+        w = np.array([3.0, 5.0])
+        size = np.array([2.0, 1.0])
+        start = np.pi / np.array([4.0, 6.0])
+        c = np.cos(w * t)
+        s = np.sin(w * t)
         links = start + size * (1.0 - c), size * w * s, size * w * w * c
         return pa.Desired(*(np.linalg.solve(T, part) for part in links))
 

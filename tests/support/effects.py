@@ -27,7 +27,8 @@ def with_everything(robot, rng):
 def torque_of_everything(robot, q, v, a):
     """Return the torque joint by joint, as the equation in the docstring of ``Friction`` has it."""
     tau = pin.rnea(robot.model, robot.model.createData(), q, v, a)
-    g, f = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q), robot.friction
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
+    f = robot.friction
     for j, speed in enumerate(v):
         sign = np.tanh(speed / f.threshold[j])
         sign *= 1.0 + (f.breakaway[j] - 1.0) * np.exp(-abs(speed) / f.fading[j])

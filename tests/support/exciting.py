@@ -13,11 +13,14 @@ class Exciting(pa.trajectories.Trajectory):
 
     def __init__(self, start, size=0.1):
         n = len(start)
-        self._start, self._size = np.asarray(start), size
+        self._start = np.asarray(start)
+        self._size = size
         self._w = np.linspace(2.0, 5.0, n), np.linspace(7.0, 3.5, n)
 
     def at(self, t):
-        x, xd, xdd = self._start.copy(), np.zeros(self._start.size), np.zeros(self._start.size)
+        x = self._start.copy()
+        xd = np.zeros(self._start.size)
+        xdd = np.zeros(self._start.size)
         for w in self._w:
             x += self._size * (1.0 - np.cos(w * t))
             xd += self._size * w * np.sin(w * t)
@@ -31,11 +34,13 @@ def times_of_panda(adaptation, shares, friction=False, seconds=1.0):
     controller, true, path = panda_swung(adaptation, friction)
     rollout = pa.simulate(true, controller, path.as_given(), duration=seconds)
     assert rollout.diverged is None
-    truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
+    truth = controller.dynamics.value(true)
+    rng = np.random.default_rng(4)
     regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]
     every = 10
     wrong = (rollout.a_d[::every] - truth) @ np.vstack(regressors).T
-    size, times = np.linalg.norm(wrong, axis=1), []
+    size = np.linalg.norm(wrong, axis=1)
+    times = []
     for share in shares:
         above = np.flatnonzero(size > share * size[0])
         assert above[-1] < len(wrong) - 1  # reached at all

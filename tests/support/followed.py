@@ -6,11 +6,17 @@ import pinocchio as pin
 
 def followed(robot, circle, start, turns=1.2, steps=300):
     """Return configurations (N, nq) and speeds (N, nv) on the circle, by fine steps of J^+."""
-    model, data, q = robot.model, robot.model.createData(), robot.q0
-    rows, dt = robot.task.rows, circle.period / steps
-    path, configurations, speeds = circle.starting_at(start[rows]), [], []
+    model = robot.model
+    data = robot.model.createData()
+    q = robot.q0
+    rows = robot.task.rows
+    dt = circle.period / steps
+    path = circle.starting_at(start[rows])
+    configurations = []
+    speeds = []
     for k in range(int(turns * steps)):
-        desired, place = path.at(k * dt), (robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+        desired = path.at(k * dt)
+        place = (robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
         J = pin.computeFrameJacobian(model, data, q, *place)[rows]
         off = desired.x_d - robot.position(q)
         pinv = np.linalg.pinv(J)

@@ -37,7 +37,8 @@ class Franka:
     """
 
     def __init__(self, address, *, realtime=False):
-        self.address, self._eye = address, socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.address = address
+        self._eye = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._eye.bind(("127.0.0.1", 0))
         self._eye.setblocking(False)
         command = [sys.executable, "-m", "tests.support.franka_server", address]
@@ -74,7 +75,9 @@ class Body:
     """Events of the robot: forces, its reflex and recovery, and the user stop."""
 
     def __init__(self):
-        self.push, self.stopped, self.reflex = np.zeros(3), False, False
+        self.push = np.zeros(3)
+        self.stopped = False
+        self.reflex = False
         self.thresholds = np.full(7, np.inf)
 
     def hear(self, eye):
@@ -88,7 +91,8 @@ class Body:
 
     def install(self, protocol, kind):
         """Have the server answer for it."""
-        plain, body = kind.robot_state.fget, self
+        plain = kind.robot_state.fget
+        body = self
 
         def handle_behaviour(command, server):
             body.thresholds = np.array(command.upper_torque_thresholds_nominal)
@@ -118,10 +122,12 @@ class Body:
         if self.reflex or not server.current_motion_id:
             return
         if (np.abs(torque) > self.thresholds).any():
-            number, self.reflex = server.current_motion_id, True
+            number = server.current_motion_id
+            self.reflex = True
             server.stop_motion(send_preemption_signal=False)
             server.send_state()
-            kind, aborted = protocol.RobotCommand.kMove, protocol.MoveStatus.kReflexAborted
+            kind = protocol.RobotCommand.kMove
+            aborted = protocol.MoveStatus.kReflexAborted
             protocol.MoveCommand.send_response(server._tcp_socket, kind, number, aborted)
             server.reset_current_motion_id()
 
@@ -134,7 +140,8 @@ def serve(address, realtime, port):
     from franky_sim import SimulationServer, franka_robot_protocol, franka_robot_server
     from franky_sim.mujoco_simulator import MujocoSimulator
 
-    eye, felt = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), Body()
+    eye = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    felt = Body()
     eye.bind(("127.0.0.1", 0))
     eye.setblocking(False)
     felt.install(franka_robot_protocol, franka_robot_server.FrankaRobotServer)

@@ -33,10 +33,13 @@ def check_motion(kinematics, state, a_k, a_k_rate, *, accuracy, rows=None):
     state. Returned is the size of which rounding errors are a share.
     """
     q, v, a = state
-    at, p, task = moving(kinematics, state, a_k, a_k_rate), kinematics.positions, kinematics.task
+    at = moving(kinematics, state, a_k, a_k_rate)
+    p = kinematics.positions
+    task = kinematics.task
     start = at(0.0).x_hat  # at its zero the error moves as x does
     xd = derivative(lambda t: task.error(at(t).x_hat, start))
-    xdd, Jdot = derivative(lambda t: at(t).xd_hat), derivative(lambda t: at(t, 1.0).J)
+    xdd = derivative(lambda t: at(t).xd_hat)
+    Jdot = derivative(lambda t: at(t, 1.0).J)
     Jdot_v = derivative(lambda t: at(t).J) @ v
     at(0.0)
     size = 1.0 + np.abs(kinematics.J).max() * (1.0 + np.abs(v).max()) ** 2
@@ -59,13 +62,19 @@ def check_kinematics(kinematics: pa.models.TaskKinematics) -> None:
     Positions, velocities and accelerations are affine in the estimate: a step of it is no
     truncation. No other rows depend on it.
     """
-    rng, task, p = np.random.default_rng(7), kinematics.task, kinematics.positions
+    rng = np.random.default_rng(7)
+    task = kinematics.task
+    p = kinematics.positions
     q, v, a = random_state(kinematics.robot, rng)
     a_k = kinematics.initial + 0.2 * rng.standard_normal(kinematics.size)
     a_k_rate = rng.standard_normal(kinematics.size)
     check_motion(kinematics, (q, v, a), a_k, a_k_rate, accuracy=5e-11)
-    X_k, Y_k, Ybar_k = kinematics.X_k, kinematics.Y_k, kinematics.acceleration_regressor(a)
-    x, xd, xdd = kinematics.x_hat, kinematics.xd_hat, kinematics.J @ a + kinematics.Jdot_v
+    X_k = kinematics.X_k
+    Y_k = kinematics.Y_k
+    Ybar_k = kinematics.acceleration_regressor(a)
+    x = kinematics.x_hat
+    xd = kinematics.xd_hat
+    xdd = kinematics.J @ a + kinematics.Jdot_v
     assert X_k.shape == (p, kinematics.size) and np.array_equal(kinematics.Y_p, Y_k[:p])
     for regressor in (Y_k, Ybar_k):
         assert regressor.shape == (task.size, kinematics.size) and not regressor[p:].any()

@@ -68,7 +68,8 @@ def motion_at_home(robot):
 def run(name="planar_2r", *, truth=None, control=None, **options):
     """Return a short rollout of an adaptive controller with a model 20 % too light."""
     described = catalogue_robot(name)
-    true, control = described.changed(**(truth or {})), {"adaptation": "natural", **(control or {})}
+    true = described.changed(**(truth or {}))
+    control = {"adaptation": "natural", **(control or {})}
     controller = pa.make_controller(described.changed(inertial_scale=0.8), **control)
     return pa.simulate(true, controller, circle_at_home(true), **{"duration": 0.1, **options})
 
@@ -122,31 +123,31 @@ def energy_along(
         begin: returns the state to start from, of that by ``Controller.init``.
         start: initial estimates a_k, a_d instead of those of the model.
     """
-    plant, controller = pa.plants.PinocchioPlant(true), controller.limited(None)
+    plant = pa.plants.PinocchioPlant(true)
+    controller = controller.limited(None)
     state = begin(controller.init(plant.measure(), **start))
     stream = pa.simulation.run_continuous(
         plant, controller, path, dt=dt, state=state, ideal_acceleration=True
     )
-    a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
+    a_k = controller.kinematics.value(true)
+    a_d = controller.dynamics.value(true)
     V, rate, dx, delta, samples = [], [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
-        q, v = sample.measurement.q, sample.measurement.v
+        q = sample.measurement.q
+        v = sample.measurement.v
         if controller.law.uses_acceleration:
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
             drives = controller.respond(sample.state, signals.replaced(a=a))[1]
         else:
             drives = controller.sent(signals, command)[1]
-        truth, law = truth_at(plant, sample, a_k, a_d), controller.law
-        state, adaptation_k, adaptation_d = (
-            sample.state,
-            controller.adaptation_k,
-            controller.adaptation_d,
-        )
-        of_law, learned = (
-            law.storage(signals, truth),
-            controller.parameter_storage(state, a_k, a_d),
-        )
+        truth = truth_at(plant, sample, a_k, a_d)
+        law = controller.law
+        state = sample.state
+        adaptation_k = controller.adaptation_k
+        adaptation_d = controller.adaptation_d
+        of_law = law.storage(signals, truth)
+        learned = controller.parameter_storage(state, a_k, a_d)
         V.append(of_law + learned)
         of_law = law.dissipation(signals, truth)
         of_law += adaptation_k.dissipation(state.kinematic, drives.kinematic, a_k)
@@ -155,14 +156,18 @@ def energy_along(
         samples.append((signals, drives.kinematic, state))
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
-    V, rate = np.array(V), np.array(rate)
+    V = np.array(V)
+    rate = np.array(rate)
     return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta), samples)
 
 
 def check_kinematic_part(energy, controller, true):
     """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k alone, as it is small beside V_d."""
-    law, adaptation = controller.law, controller.adaptation_k
-    a_k, V, rate = controller.kinematics.value(true), [], []
+    law = controller.law
+    adaptation = controller.adaptation_k
+    a_k = controller.kinematics.value(true)
+    V = []
+    rate = []
     for s, drive, state in energy.samples:
         observed = s.filtered.dx_o @ s.filtered.dx_o
         if law.lever:

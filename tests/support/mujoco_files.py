@@ -35,12 +35,14 @@ def own_file(robot, path, *, stand=None, rename=str, inside="", scene="", turned
 
     ``rename`` gives the file's name of a joint; axes of the joints ``turned`` point the other way.
     """
-    model, stand = robot.model, stand or pin.SE3.Identity()
+    model = robot.model
+    stand = stand or pin.SE3.Identity()
     gravity = text(stand.rotation @ model.gravity.linear)
     parts = [HEAD.format(gravity=gravity, scene=scene, stand=place(stand))]
     names = [rename(name) for name in robot.joint_names]
     for i in range(1, model.njoints):
-        body, kind = model.inertias[i], "slide" if is_slide(model.joints[i]) else "hinge"
+        body = model.inertias[i]
+        kind = "slide" if is_slide(model.joints[i]) else "hinge"
         axis = -axis_of(model, i) if names[i - 1] in turned else axis_of(model, i)
         parts.append(
             f'<body name="link{i}" {place(model.jointPlacements[i])}>\n'

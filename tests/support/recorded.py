@@ -22,11 +22,14 @@ def true_robot(name, **changes):
 @cache
 def motion(name, duration=8.0, dt=8e-3, seed=1):
     """Return times, joint angles, velocities and accelerations."""
-    robot, rng = catalogue_robot(name), np.random.default_rng(seed)
+    robot = catalogue_robot(name)
+    rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, dt)
     shape = (robot.model.nv, 3)
-    w, phase = 2.0 * np.pi * rng.uniform(0.1, 0.7, shape), rng.uniform(0.0, 6.0, shape)
-    height, angles = rng.uniform(0.1, 0.25, shape), t[:, None, None] * w + phase
+    w = 2.0 * np.pi * rng.uniform(0.1, 0.7, shape)
+    phase = rng.uniform(0.0, 6.0, shape)
+    height = rng.uniform(0.1, 0.25, shape)
+    angles = t[:, None, None] * w + phase
     q = robot.home_angles + (height * np.sin(angles)).sum(-1)
     v = (height * w * np.cos(angles)).sum(-1)
     return t, q, v, -(height * w**2 * np.sin(angles)).sum(-1)
@@ -34,7 +37,8 @@ def motion(name, duration=8.0, dt=8e-3, seed=1):
 
 def torques(robot, q, v, a):
     """Return the torques (N, n) of a robot with friction along a motion."""
-    data, model = robot.model.createData(), robot.model
+    data = robot.model.createData()
+    model = robot.model
     return np.array(
         [
             pin.rnea(model, data, configuration_from_angles(model, q_k), v_k, a_k)
@@ -57,7 +61,8 @@ def recorded(name, noisy=False, seen=True, rate=30.0, **options):
     configurations = [configuration_from_angles(robot.model, part) for part in q[::every]]
     x = np.array([robot.position(part) for part in configurations])
     if noisy:
-        rng, count = np.random.default_rng(7), 2.0 * np.pi / 2**17
+        rng = np.random.default_rng(7)
+        count = 2.0 * np.pi / 2**17
         limits = effort_limits(robot.model)
         q = np.round(q / count) * count
         v = np.vstack([0.0 * v[:1], np.diff(q, axis=0) / (t[1] - t[0])])

@@ -22,7 +22,8 @@ def replay(
     controller: pa.Controller, samples: Samples, **start: Any
 ) -> tuple[np.ndarray, pa.ControllerState]:
     """Return the torques (N, n) over the samples, and the last state; ``start`` is for ``init``."""
-    state, torques = controller.init(samples[0][0], **start), []
+    state = controller.init(samples[0][0], **start)
+    torques = []
     for measurement, desired in samples:
         torque, state = controller.step(state, measurement, desired, 1e-3)
         torques.append(torque)

@@ -9,7 +9,8 @@ def sent(stream):
     """Yield the messages of a stream in their order: commands and notes."""
     while stream:
         size = int.from_bytes(stream[:4], "big")
-        message, stream = stream[4 : 4 + size], stream[4 + size :]
+        message = stream[4 : 4 + size]
+        stream = stream[4 + size :]
         note = message.startswith(b"{")
         yield json.loads(message) if note else umsgpack.unpackb(message)
 

@@ -10,13 +10,15 @@ ENDS = ["left_hand", "right_hand"]
 
 def torso_with_two_arms() -> pin.Model:
     """Return a model: a joint about z carries two arms, with joints about z, y, y and z."""
-    model, turns = pin.Model(), [pin.JointModelRZ(), *[pin.JointModelRY()] * 2, pin.JointModelRZ()]
+    model = pin.Model()
+    turns = [pin.JointModelRZ(), *[pin.JointModelRY()] * 2, pin.JointModelRZ()]
     limits = [np.array([x]) for x in (80.0, 4.0, -2.8, 2.8)]
     torso = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "torso", *limits)
     model.addJointFrame(torso)
     model.appendBodyToJoint(torso, pin.Inertia.FromBox(6.0, 0.3, 0.4, 0.3), pin.SE3.Identity())
     for side, name in ((1.0, "left"), (-1.0, "right")):
-        parent, place = torso, np.array([0.05, 0.2 * side, 0.2])
+        parent = torso
+        place = np.array([0.05, 0.2 * side, 0.2])
         for number, turn in enumerate(turns):
             joint = model.addJoint(
                 parent, turn, pin.SE3(np.eye(3), place), f"{name}_{number}", *limits
@@ -25,7 +27,8 @@ def torso_with_two_arms() -> pin.Model:
             middle = pin.SE3(np.eye(3), np.array([0.12, 0.02 * side, 0.01]))
             body = pin.Inertia.FromBox(2.0 - 0.4 * number, 0.25, 0.06, 0.07)
             model.appendBodyToJoint(joint, body, middle)
-            parent, place = joint, np.array([0.25, 0.0, 0.03])
+            parent = joint
+            place = np.array([0.25, 0.0, 0.03])
         tip = pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3 * side, 0.1), np.array([0.15, 0.0, 0.0]))
         for end, at in ((f"{name}_hand", tip), (f"{name}_wrist", pin.SE3.Identity())):
             model.addFrame(pin.Frame(end, parent, frame, at, pin.FrameType.OP_FRAME))

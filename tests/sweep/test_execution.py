@@ -64,7 +64,9 @@ class Backwards(Executor):
     """Runs two cases at a time, the later one first, after robots and controllers of its own."""
 
     def __init__(self, thread):
-        self.thread, self.waiting, self._max_workers = thread, [], 1
+        self.thread = thread
+        self.waiting = []
+        self._max_workers = 1
 
     def submit(self, function, *arguments):
         returned = Future()
@@ -92,7 +94,8 @@ def test_failures_are_rows_with_reasons_and_cost_one_case(monkeypatch):
 
 
 def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
-    marks, folder = tmp_path / "marks", tmp_path / "out"
+    marks = tmp_path / "marks"
+    folder = tmp_path / "out"
     marks.mkdir()
     given = {"a": list(range(6)), "place": [str(marks)]}
     whole = pa.sweep(slow, given, executor=0)

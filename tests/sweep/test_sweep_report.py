@@ -14,7 +14,9 @@ def test_the_rate_has_wilsons_interval():
 
 
 def test_the_interval_of_a_percentile_has_the_stated_coverage():
-    rng, hits, p = np.random.default_rng(0), 0, 0.95
+    rng = np.random.default_rng(0)
+    hits = 0
+    p = 0.95
     for _ in range(400):
         found = percentile(rng.exponential(size=100), p)
         hits += found.low <= -np.log(1.0 - p) <= found.high

@@ -43,7 +43,8 @@ def test_gains_are_better_only_where_chance_does_not_explain_it():
 
 def test_lost_cases_count_first():
     errors = np.ones(20)
-    worse, better = errors.copy(), errors.copy()
+    worse = errors.copy()
+    better = errors.copy()
     worse[:4], better[:4] = np.inf, 0.1
     words, answer = verdict(judged(errors), judged(np.where(np.isinf(worse), np.inf, 0.1)))
     assert not answer and "4 more cases are lost" in words

@@ -28,7 +28,8 @@ def circle(robot, axis=(0.0, 0.0, 1.0)):
 
 
 def test_errors_of_position_and_orientation_vanish_with_true_parameters():
-    robot, angle = pose_robot(), 2.5
+    robot = pose_robot()
+    angle = 2.5
     start = POSE.moved(robot.position(robot.q0), np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.0]))
     tool_z = matrix(start[3:])[:, 2]
     path = pa.trajectories.PoseTrajectory(
@@ -75,7 +76,8 @@ def sample(robot, x=None):
 
 def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
     robot = pose_robot()
-    controller, desired = pa.make_controller(robot, adaptation="natural"), circle(robot).at(0.2)
+    controller = pa.make_controller(robot, adaptation="natural")
+    desired = circle(robot).at(0.2)
     x = robot.position(robot.q0)
     state = controller.init(sample(robot))
     torques = [
@@ -88,7 +90,8 @@ def test_either_sign_of_the_measured_quaternion_gives_the_same_torque():
 @pytest.mark.parametrize("bad", [np.zeros(4), np.full(4, 0.6), np.array([np.nan, 0.0, 0.0, 1.0])])
 def test_an_invalid_quaternion_raises_an_error_and_leaves_the_state(bad):
     robot = pose_robot()
-    controller, desired = pa.make_controller(robot, adaptation="natural"), circle(robot).at(0.2)
+    controller = pa.make_controller(robot, adaptation="natural")
+    desired = circle(robot).at(0.2)
     x = np.concatenate([robot.position(robot.q0)[:3], bad])
     with pytest.raises(pa.PinadaptError, match="x"):
         controller.init(sample(robot, x))
@@ -103,13 +106,12 @@ def test_an_invalid_quaternion_raises_an_error_and_leaves_the_state(bad):
 
 def test_a_tracker_needs_no_angular_velocity():
     robot = pose_robot()
-    controller, desired = (
-        pa.make_controller(robot, law="adaptive-inverse-dynamics-velocity"),
-        circle(robot).at(0.2),
-    )
+    controller = pa.make_controller(robot, law="adaptive-inverse-dynamics-velocity")
+    desired = circle(robot).at(0.2)
     v = np.linspace(-0.3, 0.4, 7)
     seen = pa.plants.PinocchioPlant(robot).measurement(robot.q0, v)
-    x, xd = seen.x, seen.xd
+    x = seen.x
+    xd = seen.xd
     state = controller.init(pa.Measurement(0.0, robot.q0, v, x, xd=xd))
     blind = np.concatenate([xd[:3], np.full(3, 9.0)])
     torques = [

@@ -33,7 +33,8 @@ motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys()
 
 def close(motion, t, velocity=1e-8, acceleration=1e-6):
     """Return whether velocity and acceleration at t are the derivatives of x_d."""
-    now, pose = motion.at(t), pa.tasks.TASKS["pose"]
+    now = motion.at(t)
+    pose = pa.tasks.TASKS["pose"]
     error = pose.error if now.x_d.size == 7 else np.subtract
 
     def moved(h):
@@ -61,14 +62,16 @@ def test_a_start_is_smooth_and_the_motion_exact_afterwards(motion):
     assert not first.xd_d.any() and not first.xdd_d.any()
     assert all(np.array_equal(*pair) for pair in zip(begun.at(-1.0), first, strict=True))
     for t in (0.0, T):  # no jump of any of the three
-        before, after = begun.at(t - 1e-9), begun.at(t + 1e-9)
+        before = begun.at(t - 1e-9)
+        after = begun.at(t + 1e-9)
         assert all(np.allclose(*pair, atol=1e-6) for pair in zip(before, after, strict=True))
     for t in np.linspace(0.0, T, 7):  # on the same path
         s, rate, _ = begun.law.at(t)
         assert 0.0 <= rate <= 1.0 and 0.0 <= s <= t
         assert np.array_equal(begun.at(t).x_d, motion.at(s).x_d)
     for t in (T, 1.3, 7.7):
-        now, later = begun.at(t), motion.at(t - 0.5 * T)
+        now = begun.at(t)
+        later = motion.at(t - 0.5 * T)
         assert all(np.array_equal(*pair) for pair in zip(now, later, strict=True))
 
 

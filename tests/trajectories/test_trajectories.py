@@ -39,7 +39,8 @@ def test_velocity_and_acceleration_are_the_derivatives(motion, t):
 @motions
 def test_starting_at_displaces_the_motion_without_changing_it(motion):
     start = np.linspace(-0.2, 0.6, motion.at(0.0).x_d.size)
-    before, moved = motion.at(0.37), motion.starting_at(start)
+    before = motion.at(0.37)
+    moved = motion.starting_at(start)
     assert np.allclose(moved.at(0.0).x_d, start, atol=1e-15)
     shift = start - motion.at(0.0).x_d
     assert np.allclose(moved.at(0.37).x_d, before.x_d + shift, atol=1e-15)
@@ -59,7 +60,8 @@ def test_a_circle_starts_on_the_first_axis_of_its_plane_and_turns_to_the_second(
 
 def test_a_fourier_series_is_the_sum_of_its_harmonics():
     series = pa.trajectories.FourierSeries([1.0], [[0.1, 0.2]], [[0.3, -0.4]], 4.0)
-    w, t = np.pi / 2, 0.7
+    w = np.pi / 2
+    t = 0.7
     expected = 1.0 + 0.1 * np.cos(w * t) + 0.2 * np.cos(2 * w * t)
     expected += 0.3 * np.sin(w * t) - 0.4 * np.sin(2 * w * t)
     assert np.isclose(series.at(t).x_d[0], expected) and series.harmonics == 2

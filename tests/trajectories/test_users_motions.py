@@ -40,7 +40,8 @@ def test_errors_of_finite_differences_agree_with_the_docstring():
     phases = np.linspace(0.0, math.pi, 50)
     for row in rows:
         frequency, *stated = (float(number) for number in row)
-        w, found = 2.0 * math.pi * frequency, []
+        w = 2.0 * math.pi * frequency
+        found = []
         motion = Function(lambda t, w=w: np.sin(w * t + phases))
         for times in (np.linspace(0.004, 3.0, 301), np.linspace(0.0, 0.00399, 40)):
             at = [(motion.at(float(t)), w * t + phases) for t in times]
@@ -125,7 +126,8 @@ def test_sampled_poses_have_the_derivatives_of_the_sampled_motion(signs):
     x[:, 3:] *= signs
     motion = as_trajectory((t, x), POSE)
     for at in np.linspace(0.5, 2.0, 40):
-        now, exact = motion.at(at), MOVING_POSE.at(at)
+        now = motion.at(at)
+        exact = MOVING_POSE.at(at)
         assert np.allclose(POSE.error(now.x_d, exact.x_d), 0.0, atol=1e-9)
         assert np.allclose(now.xd_d, exact.xd_d, atol=1e-6)
         assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-3)
@@ -165,7 +167,8 @@ GIVEN = {
 def run_of(loop, path, mode):
     """Return a run of a path."""
     robot, controller, _ = loop
-    continuous, duration = mode == "continuous", 0.3 if mode == "sampled" else 0.1
+    continuous = mode == "continuous"
+    duration = 0.3 if mode == "sampled" else 0.1
     engine = pa.Engine(dt=2e-3, continuous=continuous)
     return pa.simulate(robot, controller, path, duration=duration, engine=engine)
 

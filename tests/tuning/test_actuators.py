@@ -38,7 +38,8 @@ def of_one_joint():
 def radius_of(controller, actuators, K_P, K_D, dt=DT):
     """Return the spectral radius that the check has for a joint's gains, without its margin."""
     motion = controller.motion
-    W, W_T = motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
+    W = motion.unit_masses
+    W_T = motion.unit_masses.swapaxes(1, 2)
     feedback = Feedback(W @ K_P @ W_T / 2.0, W @ K_D @ W_T / 2.0, 0.0 * W, W)
     return LinearisedJoints(motion, actuators).feedback_radius(feedback, dt, 1.0)
 
@@ -64,7 +65,8 @@ def test_a_bandwidth_and_a_spring_are_those_of_the_differential_equation():
     B, K, D, w, dt = 0.4, 800.0, 3.0, 60.0, 1e-5
     controller = made(one_joint(armature=B), unknown=pa.Unknown(armature=False))
     M = float(controller.motion.mass_matrices[0][0, 0]) - B
-    p, d = 300.0, 20.0
+    p = 300.0
+    d = 20.0
     slow = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / (M + B)], [-w * p, -w * d, -w]]
     elastic = [
         [0.0, 0.0, 1.0, 0.0],
@@ -117,8 +119,11 @@ def test_laws_have_gains_for_elastic_joints_and_late_motors(name, actuators, law
 
 @pytest.mark.slow
 def test_a_loop_lost_without_a_declaration_follows_with_it():
-    robot, actuators = catalogue_robot("ur5"), Actuators(delay=15e-3)
-    path, errors, chatter = pa.reachable_circle(robot), [], []
+    robot = catalogue_robot("ur5")
+    actuators = Actuators(delay=15e-3)
+    path = pa.reachable_circle(robot)
+    errors = []
+    chatter = []
     for declared in (None, actuators):
         controller = made(robot.changed(inertial_scale=0.7), declared, adaptation="natural")
         with warnings.catch_warnings():

@@ -15,7 +15,9 @@ JOINTS = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
 
 
 def light_wrist():
-    model, parent, at = pin.Model(), 0, np.array([0.0, 0.0, 0.4])
+    model = pin.Model()
+    parent = 0
+    at = np.array([0.0, 0.0, 0.4])
     model.name = "light wrist"
     for k, (axis, mass, length) in enumerate(zip("zyyxyx", MASSES, LENGTHS, strict=True)):
         parent = model.addJoint(

@@ -21,7 +21,8 @@ def test_the_damping_is_for_torques_that_are_late_by_a_few_milliseconds(adaptati
         robot = catalogue_robot(name)
         known = pa.Unknown(armature=False)
         controller = pa.make_controller(robot, adaptation=adaptation, unknown=known, dt=dt)
-        law, a_d = controller.law, controller.dynamics.initial
+        law = controller.law
+        a_d = controller.dynamics.initial
         assert law.lag == lag
         M = pin.crba(robot.model, robot.model.createData(), robot.q0)
         K_D = np.linalg.inv(np.linalg.inv(law.K_v) + lag * np.linalg.inv(M))
@@ -44,7 +45,9 @@ def test_a_heavy_unannounced_load_does_not_spin_a_light_wrist():
 def test_the_tracking_error_adapts_at_the_bandwidth(name):
     """Of robots of every size."""
     made = pa.make_controller(catalogue_robot(name), adaptation=MEMORY)
-    w, motion, inner = made.motion.bandwidth, made.motion, made.adaptation_d.inner
+    w = made.motion.bandwidth
+    motion = made.motion
+    inner = made.adaptation_d.inner
     bodies = slice(0, motion.dynamics.inertial.size)
     Gamma = inner.gain(typical_start(inner, motion))[bodies, bodies]
     effects = [Phi[:, bodies] for Phi in made.law.parameter_effects(motion)]

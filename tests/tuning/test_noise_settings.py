@@ -27,7 +27,8 @@ def made(**options):
 def test_a_leak_alone_returns_to_the_start():
     a = pa.models.BodyDynamics(catalogue_robot("ur5")).initial
     leak = pa.adaptation.Leak(pa.adaptation.Gradient(1.0, a.size), 0.5)
-    off, quiet = leak.init(a).with_value(1.3 * a), along(np.zeros(a.size))
+    off = leak.init(a).with_value(1.3 * a)
+    quiet = along(np.zeros(a.size))
     after = leak.step(off, quiet, 0.7)
     assert np.allclose(after.value, a + 0.3 * a * math.exp(-0.5 * 0.7), rtol=1e-12)
     for _ in range(100):
@@ -37,7 +38,8 @@ def test_a_leak_alone_returns_to_the_start():
 
 def test_small_steps_of_a_leak_follow_its_rate():
     robot = catalogue_robot("ur5")
-    a, cone = pa.models.BodyDynamics(robot).initial, pa.adaptation.BodyInequality(robot.joint_names)
+    a = pa.models.BodyDynamics(robot).initial
+    cone = pa.adaptation.BodyInequality(robot.joint_names)
     leak = pa.adaptation.Leak(pa.adaptation.Natural(5.0, cone), 0.5)
     drive = along(np.random.default_rng(4).standard_normal(a.size))
     estimate = leak.init(a).with_value(1.2 * a)
@@ -69,8 +71,10 @@ def driven(lambda_s, noise, count=200, seed=0):
         adaptation_k=controller.adaptation_k,
         adaptation_d=controller.adaptation_d,
     )
-    plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
-    desired, mean = pa.Desired(robot.position(robot.q0), still, still), 0.0
+    plant = pa.plants.PinocchioPlant(robot)
+    still = np.zeros(3)
+    desired = pa.Desired(robot.position(robot.q0), still, still)
+    mean = 0.0
     for sign in (1.0, -1.0):
         rng = np.random.default_rng(seed)
         state = controller.init(plant.measure(), adapting=False)
@@ -85,7 +89,8 @@ def driven(lambda_s, noise, count=200, seed=0):
 
 def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor():
     """E[Y^T s] = -alpha sigma^2 ... of the plain law; an eighth of it is left below lambda_s."""
-    plain, free = driven(math.inf, 0.1), driven(40.0, 0.1)
+    plain = driven(math.inf, 0.1)
+    free = driven(40.0, 0.1)
     moments = np.arange(60) % 10 < 4  # mass and first moments: what of the mean is not gravity
     assert np.linalg.norm(plain) > 1e-2
     assert np.linalg.norm(free) < 0.125 * np.linalg.norm(plain)

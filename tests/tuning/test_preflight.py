@@ -54,7 +54,9 @@ def loop(robot, controller, dt, **options):
 
 def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not():
     """The advice has a margin of two: at the advised period the loop holds, not at longer."""
-    robot, dt, law = catalogue_robot("ur5"), 0.04, "adaptive-jacobian"
+    robot = catalogue_robot("ur5")
+    dt = 0.04
+    law = "adaptive-jacobian"
     default = pa.make_controller(robot, law=law, adaptation="none")
     gains = {
         "Kp": 16.0 * default.law.K_P,
@@ -109,7 +111,8 @@ def test_default_rates_are_lowered_to_fit_the_period():
 
 
 def test_a_period_that_leaves_a_slow_feedback_is_found():
-    robot, dt = catalogue_robot("panda"), 2e-2
+    robot = catalogue_robot("panda")
+    dt = 2e-2
     (finding,) = pa.preflight(pa.make_controller(robot, dt=dt), dt)
     assert finding.part == "bandwidth"
     shorter = 0.99 * finding.longest

@@ -58,7 +58,8 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     controller = pa.make_controller(
         robot, law=law, adaptation="projected", unknown=pa.Unknown(**words[unknown])
     )
-    w, law = bandwidth(robot, 1e-3), controller.law
+    w = bandwidth(robot, 1e-3)
+    law = controller.law
     motion = pa.models.TypicalMotion(robot, controller.kinematics, controller.dynamics, w)
     Gamma = controller.adaptation_d.gain(pa.adaptation.Estimate(controller.dynamics.initial))
     assert frequency(law.parameter_effects(motion), Gamma) == pytest.approx(

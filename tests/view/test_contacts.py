@@ -57,7 +57,8 @@ def test_asking_for_forces_changes_no_torque():
     robot, controller, _ = at_rest("a1")
     runs = []
     for asks in (True, False):
-        plant, runs = pa.plants.PinocchioPlant(robot), [*runs, []]
+        plant = pa.plants.PinocchioPlant(robot)
+        runs = [*runs, []]
         for sample in pa.run(plant, controller, Crawl().on(robot), duration=0.02):
             runs[-1].append(sample.torque)
             if asks:
@@ -75,7 +76,8 @@ class Placed(dict):
 def test_spikes_begin_at_the_centre_of_pressure_and_end_at_the_force():
     robot = standing("talos")
     node = meshcat.Visualizer(window=Window())["contacts"]
-    joints, poses = np.tile(np.eye(4), (1, robot.model.njoints, 1, 1)), Placed()
+    joints = np.tile(np.eye(4), (1, robot.model.njoints, 1, 1))
+    poses = Placed()
     frame = robot.model.frames[robot.model.getFrameId("left_sole_link")]
     joints[0, frame.parentJoint] = frame.placement.inverse().homogeneous  # the sole at the origin
     force = np.array([[10.0, 0.0, 400.0, 4.0, -8.0, 0.0], np.zeros(6)])
@@ -83,7 +85,8 @@ def test_spikes_begin_at_the_centre_of_pressure_and_end_at_the_force():
     drawn.place(joints, force[None], poses)
     middle, turn, (scale,) = poses["left_sole_link/force"]
     half = 0.5 * turn.apply([0.0, scale[1], 0.0])
-    begin, end = middle - half, middle + half
+    begin = middle - half
+    end = middle + half
     assert np.allclose(begin, [8.0 / 400.0, 4.0 / 400.0, 0.0])  # n x m / (n f)
     assert np.allclose(end - begin, force[0, :3] / (robot.mass * 9.81))
     _, _, (cone,) = poses["left_sole_link/cone"]

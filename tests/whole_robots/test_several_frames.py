@@ -42,7 +42,8 @@ def test_the_tree_of_the_chains_to_the_frames_is_loaded():
     assert robot.frames == tuple(ENDS) and robot.frame == ENDS[0]
     assert robot.model.nv == 9 and robot.carriers == [4, 8]
     assert (robot.task.size, robot.task.positions, robot.task.coordinates) == (6, 6, 6)
-    x, there = robot.position(robot.q0), [robot.of_frame(end).position(robot.q0) for end in ENDS]
+    x = robot.position(robot.q0)
+    there = [robot.of_frame(end).position(robot.q0) for end in ENDS]
     assert np.array_equal(x, np.concatenate(there))
     assert robot.reach == pytest.approx(two_arms(q0=np.zeros(9)).reach)
     assert 1.0 < robot.reach < 1.6  # of one arm, not of both
@@ -50,7 +51,8 @@ def test_the_tree_of_the_chains_to_the_frames_is_loaded():
 
 
 def test_one_of_several_frames_is_the_plain_robot():
-    one, plain = pa.load("panda", frames=["panda_hand"]), pa.load("panda", frame="panda_hand")
+    one = pa.load("panda", frames=["panda_hand"])
+    plain = pa.load("panda", frame="panda_hand")
     assert one.task == plain.task and one.frames == ("panda_hand",)
     assert np.array_equal(one.q0, plain.q0)
     load = pa.Payload(1.0, [0.0, 0.0, 0.1])
@@ -110,7 +112,8 @@ def tiago(**options):
 
 @pytest.mark.parametrize("make", [two_arms, lambda: tiago(task="pose")])
 def test_kinematics_have_exact_rates_and_are_those_of_the_frames(make):
-    robot, rng = make(), np.random.default_rng(1)
+    robot = make()
+    rng = np.random.default_rng(1)
     kinematics = FrameKinematics(robot, ["tool"])
     check_kinematics(kinematics)
     q = pin.integrate(robot.model, robot.q0, 0.2 * rng.standard_normal(robot.model.nv))
@@ -147,7 +150,8 @@ def test_lyapunov_equality_of_two_arms_under_a_constraint():
 
 def test_the_second_frame_yields_to_the_first():
     """The right hand is asked beyond its reach, where both would have the torso turn."""
-    errors, ways = {}, {"left_hand": np.zeros(3), "right_hand": np.array([0.2, -0.1, 0.0])}
+    errors = {}
+    ways = {"left_hand": np.zeros(3), "right_hand": np.array([0.2, -0.1, 0.0])}
     for ends in (ENDS, ENDS[::-1]):
         robot = two_arms(frames=ends)
         own = [pa.trajectories.Waypoints([np.zeros(3), ways[end]], 1.0) for end in ends]
@@ -193,7 +197,8 @@ def test_tools_and_loads_are_learned(followed):
     assert rollout.distance == pytest.approx(np.linalg.norm(rollout.error, axis=1))
     a_k = controller.kinematics.value(true)
     assert np.abs(rollout.a_k[-1] - a_k).max() < 1e-3 < np.abs(rollout.a_k[0] - a_k).max()
-    learned, q = rollout.learned(), true.q0
+    learned = rollout.learned()
+    q = true.q0
     assert np.abs(learned.position(q) - true.position(q)).max() < 1e-3
     g = [
         pin.computeGeneralizedGravity(one.model, one.model.createData(), q)
@@ -271,7 +276,8 @@ def test_learned_files_have_all_tools(tmp_path):
 def test_stacked_motions_have_their_places_and_one_kind():
     circle = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0, "yz")
     pose = pa.trajectories.PoseTrajectory(circle, pa.trajectories.Swing((0.0, 1.0, 0.0), 0.3, 2.0))
-    task, upright = tiago(task="pose").task, np.array([0.0, 0.0, 0.0, 1.0])
+    task = tiago(task="pose").task
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
     start = np.concatenate([np.arange(6.0), turned(upright, np.ones(3)), upright])
     motion = pa.trajectories.Stacked([pose, pose]).from_rest(1.0).starting_at(start)
     assert np.allclose(task.error(motion.at(0.0).x_d, start), 0.0, atol=1e-12)
@@ -285,7 +291,8 @@ def test_stacked_motions_have_their_places_and_one_kind():
 
 
 def test_a_scenario_of_two_frames_is_written_and_runs(tmp_path, capsys):
-    source, file = tmp_path / "arms.urdf", tmp_path / "arms.toml"
+    source = tmp_path / "arms.urdf"
+    file = tmp_path / "arms.toml"
     two_arms().save(source)
     frames = ["--frame", ",".join(ENDS)]
     assert main(["init", str(source), *frames, "--out", str(file)]) == 0

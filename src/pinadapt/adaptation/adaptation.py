@@ -100,12 +100,14 @@ class Drive:
             gradient = self.gradient if e is None else tracking * self.gradient
             return Drive(self.Y, e, gradient=gradient, observed=self.observed)
         root = math.sqrt(prediction)
-        W, residual = root * self.W, root * self.residual
+        W = root * self.W
+        residual = root * self.residual
         return Drive(self.Y, e, W, residual, self.weight, observed=self.observed)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        Y, W = self.Y[:, block], None if self.W is None else self.W[:, block]
+        Y = self.Y[:, block]
+        W = None if self.W is None else self.W[:, block]
         gradient = self.gradient[block]
         return Drive(Y, self.e, W, self.residual, self.weight, gradient, self.observed)
 
@@ -287,7 +289,8 @@ class Wrapper(Adaptation):
     def __init__(self, inner: Adaptation) -> None:
         """Wrap any adaptation."""
         self.inner = instance(inner, Adaptation, "inner")
-        self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
+        self.name = inner.name
+        self.torque_bandwidth = inner.torque_bandwidth
         self.sources = (*self.sources, *inner.sources)
 
     def _own(self, start: np.ndarray) -> tuple:
@@ -356,8 +359,10 @@ class Wrapper(Adaptation):
 
         That is da^T (g - g') for the drive g' of the inner one, and the power of what is added.
         """
-        inner, driven = self._inner(estimate), self._driven(estimate, drive)
-        error, added = estimate.value - truth, self._added(estimate, drive)
+        inner = self._inner(estimate)
+        driven = self._driven(estimate, drive)
+        error = estimate.value - truth
+        added = self._added(estimate, drive)
         changed = error @ (drive.gradient - driven.gradient)
         if added is not None:
             changed += error @ np.linalg.solve(self.inner.gain(inner), added)
@@ -386,7 +391,8 @@ class Stacked(Adaptation):
         self.parts: list[tuple[Adaptation, slice]] = []
         end = 0
         for part, size in parts:
-            start, end = end, end + whole(size, "parts", 0)
+            start = end
+            end = end + whole(size, "parts", 0)
             self.parts.append((instance(part, Adaptation, "parts"), slice(start, end)))
         self.name = parts[0][0].name
         self.sources = tuple(source for part, _ in parts for source in part.sources)
@@ -418,7 +424,9 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        before, value, after = estimate.value, np.empty(estimate.value.size), []
+        before = estimate.value
+        value = np.empty(estimate.value.size)
+        after = []
         for (part, block), own in zip(self.parts, self._memories(estimate), strict=True):
             moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
             value[block] = moved.value
@@ -450,7 +458,8 @@ class Stacked(Adaptation):
 
     def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        value, pairs = estimate.value, zip(self.parts, self._memories(estimate), strict=True)
+        value = estimate.value
+        pairs = zip(self.parts, self._memories(estimate), strict=True)
         return [(part, block, Estimate(value[block], own)) for (part, block), own in pairs]
 
     def _joined(self, blocks: Sequence[Estimate]) -> Estimate:

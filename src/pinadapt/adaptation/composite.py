@@ -264,15 +264,19 @@ class CompositeMemory(Wrapper):
             return np.zeros(estimate.value.size), 0.0
         from scipy.linalg.lapack import dgesv  # slow to import
 
-        sums, inner, n = estimate.memory[0], self._inner(estimate), len(W)
-        A, b = sums[:-1, :-1], sums[:-1, -1]
+        sums = estimate.memory[0]
+        inner = self._inner(estimate)
+        n = len(W)
+        A = sums[:-1, :-1]
+        b = sums[:-1, -1]
         moved = self.inner.gain_times(inner, A)  # kappa P A
         moved.flat[:: len(b) + 1] += self.share
         sides = np.column_stack([A.dot(estimate.value) - b, W.T])
         # (I + A P)^-1 / kappa times A da and W^T
         solved = dgesv(moved.T, sides)[2]
         W_Gamma = self.inner.gain_times(inner, W.T).T
-        innovation, S = drive.residual - W_Gamma.dot(solved[:, 0]), W_Gamma.dot(solved[:, 1:])
+        innovation = drive.residual - W_Gamma.dot(solved[:, 0])
+        S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
         fading = self.forgetting / n * float(innovation @ np.linalg.solve(S, innovation))
         fading /= 1.0 + fading / self._bandwidth

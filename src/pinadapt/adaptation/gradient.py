@@ -38,7 +38,8 @@ class Gradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        value, after = estimate.value, empty(estimate.value.size)
+        value = estimate.value
+        after = empty(estimate.value.size)
         kernels.advance(value, self._descent.dot(drive.gradient), dt, after)
         return Estimate(after)
 

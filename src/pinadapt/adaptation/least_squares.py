@@ -36,7 +36,9 @@ class PredictionWeight:
         Raises:
             GainError: numbers that are not positive (definite).
         """
-        self.constant, self.rate, self.floor = None, 0.0, np.ones(1)
+        self.constant = None
+        self.rate = 0.0
+        self.floor = np.ones(1)
         if weight is not None:
             self.constant = numbers(weight, "weight", error=GainError)
             definite_matrix(self.constant, len(np.atleast_1d(self.constant)), "weight")
@@ -46,7 +48,8 @@ class PredictionWeight:
 
     def at(self, drive: Drive, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Return R (n, n) for a drive with W (n, p), by a function that multiplies by Gamma."""
-        W, constant = drive.W, self.constant
+        W = drive.W
+        constant = self.constant
         assert W is not None
         if self.rate:
             S = W.dot(times_Gamma(W.T))
@@ -137,7 +140,8 @@ class LeastSquares(Adaptation):
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, size, "gamma_d"))
         self._prior, self._root = np.linalg.inv(self.P_0), np.linalg.cholesky(self.P_0)
         self.forgetting = positive(forgetting, "forgetting", zero=True)
-        self.directional, self.unit = flag(directional, "directional"), positive(unit, "unit")
+        self.directional = flag(directional, "directional")
+        self.unit = positive(unit, "unit")
         if self.directional:
             self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
         self._weight = PredictionWeight(weight if rate is None else None, rate, floor)
@@ -164,7 +168,8 @@ class LeastSquares(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p) and dP^-1/dt, which is zero without a prediction error."""
-        information, W = self._information(estimate), drive.W
+        information = self._information(estimate)
+        W = drive.W
         value = self.value_rate(estimate, drive)
         if W is None:
             return Estimate(value, (np.zeros(information.shape),))
@@ -183,7 +188,8 @@ class LeastSquares(Adaptation):
         restored = 1.0 - kept
         if not self.directional:  # d|P|/dt = lambda_0 (1 - |P|) |P|
             size = self.size(self._information(estimate))
-            kept, restored = size + (1.0 - size) * kept, 0.0
+            kept = size + (1.0 - size) * kept
+            restored = 0.0
         rate, information = self._moved(estimate, drive, dt, kept, restored)
         value = empty(rate.size)
         kernels.advance(estimate.value, rate, dt, value)
@@ -201,13 +207,17 @@ class LeastSquares(Adaptation):
 
         Of P^-1 the share ``kept`` is left, and the share ``restored`` of P(0)^-1 is added.
         """
-        information, W, r = self._information(estimate), drive.W, drive.residual
+        information = self._information(estimate)
+        W = drive.W
+        r = drive.residual
         if W is None or r is None:
-            W, r = empty((0, len(information))), empty(0)
+            W = empty((0, len(information)))
+            r = empty(0)
         elif not self._weight.rate:
             drive = drive.weighted(self.weight(estimate, drive))
         R = np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
-        rate, after = empty(len(information)), empty(information.shape)
+        rate = empty(len(information))
+        after = empty(information.shape)
         kernels.fit(
             information, W, r, R, drive.gradient, self._weight.rate, self._weight.floor,
             dt, kept, restored, self._prior, rate, after,
@@ -223,7 +233,8 @@ class LeastSquares(Adaptation):
         """Return -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2, R_0 the weight of the drive."""
         if drive.W is None:
             return 0.0
-        error, R = estimate.value - truth, self.weight(estimate, drive)
+        error = estimate.value - truth
+        R = self.weight(estimate, drive)
         predicted = drive.W.dot(error)
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted

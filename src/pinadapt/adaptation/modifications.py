@@ -65,7 +65,8 @@ class Leak(Wrapper):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
-        after, start = super().step(estimate, drive, dt), estimate.memory[0]
+        after = super().step(estimate, drive, dt)
+        start = estimate.memory[0]
         share = -math.expm1(-self.leak_rate(drive) * dt)
         return after.with_value(after.value + share * (start - after.value))
 

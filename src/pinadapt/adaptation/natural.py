@@ -111,7 +111,8 @@ class MatrixInequality:
         """
         if not self.complete:
             return gamma * np.linalg.solve(self.metric(a), X)
-        P, size = gamma[:, None, None] ** 0.5 * self.matrices(a), self._n**2
+        P = gamma[:, None, None] ** 0.5 * self.matrices(a)
+        size = self._n**2
         both = P[:, :, None, :, None] * P[:, None, :, None, :]  # P L P is this times L
         blocks = self._dual @ both.reshape(-1, size, size) @ self._dual.T
         return (blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape)
@@ -336,7 +337,8 @@ class ExponentiatedGradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        a, after = estimate.value, empty(estimate.value.size)
+        a = estimate.value
+        after = empty(estimate.value.size)
         kernels.exponentiate(a, drive.gradient, self._rates, dt, _LONGEST, after)
         return Estimate(after)
 

@@ -115,7 +115,8 @@ class BoxProjection(Wrapper):
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
-        rate, added = self.inner.value_rate(estimate, drive), self._added(estimate, drive)
+        rate = self.inner.value_rate(estimate, drive)
+        added = self._added(estimate, drive)
         return rate if added is None else rate + added
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -175,7 +176,8 @@ class MassMatrixProjection(Wrapper):
         """Wrap the adaptation of the parameters of ``dynamics``; ``robot`` is the nominal one."""
         super().__init__(inner)
         self.name = "projected" if inner.name == Gradient.name else inner.name
-        self._dynamics, self._nominal = dynamics, Regressor(robot.model)
+        self._dynamics = dynamics
+        self._nominal = Regressor(robot.model)
         self._zero = np.zeros(robot.model.nv)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
@@ -187,7 +189,8 @@ class MassMatrixProjection(Wrapper):
         from scipy.linalg import eigh  # here, because scipy is slow to import
         from scipy.linalg.lapack import dpotrf
 
-        value, M_0 = estimate.value, self._nominal.mass_matrix(q)
+        value = estimate.value
+        M_0 = self._nominal.mass_matrix(q)
         kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
@@ -224,7 +227,8 @@ def _least_move(G: np.ndarray, h: np.ndarray) -> np.ndarray:
     scale = np.linalg.norm(G, axis=1)
     if not (scale > 0.0).all():
         raise DivergedError(_LOST)
-    G, size = G / scale[:, None], np.abs(h / scale).max()
+    G = G / scale[:, None]
+    size = np.abs(h / scale).max()
     E = np.vstack([G.T, h / (scale * size)])
     target = np.append(np.zeros(G.shape[1]), 1.0)
     try:
@@ -276,7 +280,8 @@ class GravityProjection(Wrapper):
         if (np.abs(gravity) <= self.bound).all():
             return kept
         Z = self._dynamics.regressor(q, self._rest, self._rest)
-        known, within = gravity - Z.dot(kept), self.bound * (1.0 - 1e-9)
+        known = gravity - Z.dot(kept)
+        within = self.bound * (1.0 - 1e-9)
         for _ in range(200):
             gravity = Z.dot(kept) + known
             i = int(np.argmax(np.abs(gravity) / self.bound))

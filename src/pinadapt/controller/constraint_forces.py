@@ -84,8 +84,10 @@ class ConstraintForces:
             InputError: the solver is not installed.
         """
         self.constraints = constraints or robot.constrained
-        n, self._contacts = robot.model.nv, robot.contacts
-        self._motors, self._idle = np.flatnonzero(robot.motors), np.flatnonzero(~robot.motors)
+        n = robot.model.nv
+        self._contacts = robot.contacts
+        self._motors = np.flatnonzero(robot.motors)
+        self._idle = np.flatnonzero(~robot.motors)
         self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
         limits = np.full(n, _NONE) if limits is None else np.minimum(limits, _NONE)
         self._limits = limits[self._motors]
@@ -101,8 +103,10 @@ class ConstraintForces:
             )
         # what a sample does not change of the program: forces, and with a solver what is missed
         # where there is no motor
-        k, rest = len(A), self._idle.size
-        m, squeezes = rest if self._contacts else 0, len(self.constraints.squeezes(k)[1])
+        k = len(A)
+        rest = self._idle.size
+        m = rest if self._contacts else 0
+        squeezes = len(self.constraints.squeezes(k)[1])
         self._H = np.diag(np.repeat((_FORCES, _SLACK), (k, m)))
         self._equal = np.zeros((rest + squeezes, k + m))
         self._equal[:m, k:] = np.eye(m)
@@ -144,25 +148,33 @@ class ConstraintForces:
         """
         if not math.isfinite(wanted.dot(wanted)):
             raise DivergedError("the torque is no longer finite.")
-        A, holds = self.constraints.jacobian(q), self.constraints.holding(stands)
+        A = self.constraints.jacobian(q)
+        holds = self.constraints.holding(stands)
         if stands is not None:  # no force of a foot in the air counts, so the least of all is none
             A = A * holds[:, None]
         if disturbance is not None:
             B = A * self._mobilities
-            gram, f = B.dot(A.T), B.dot(disturbance)
+            gram = B.dot(A.T)
+            f = B.dot(disturbance)
             gram.flat[:: len(A) + 1] += ~holds
             if kernels.solve_definite(gram, f):
                 wanted = wanted + f.dot(A)
-        own, idle = A.take(self._motors, axis=1).T, A.take(self._idle, axis=1).T
-        asked, k, rest = wanted[self._motors], len(A), len(idle)
-        H, g, equal = self._H.copy(), np.zeros(len(self._H)), self._equal.copy()
+        own = A.take(self._motors, axis=1).T
+        idle = A.take(self._idle, axis=1).T
+        asked = wanted[self._motors]
+        k = len(A)
+        rest = len(idle)
+        H = self._H.copy()
+        g = np.zeros(len(self._H))
+        equal = self._equal.copy()
         right = np.zeros(len(equal))
         H[:k, :k] += own.T.dot(own)
         g[:k], equal[:rest, :k], right[:rest] = -asked.dot(own), idle, wanted[self._idle]
         if len(equal) > rest:
             equal[rest:, :k], right[rest:] = self.constraints.squeezes(k)
         if self._contacts:
-            C, n = self._cones.copy(), len(self._cones) - len(own)
+            C = self._cones.copy()
+            n = len(self._cones) - len(own)
             for sole, at in self._soles:  # stated in its axes
                 axes = self.constraints.placements[sole].rotation
                 C[:, at : at + 3] = C[:, at : at + 3].dot(axes.T)
@@ -174,7 +186,9 @@ class ConstraintForces:
         else:
             KKT = np.block([[H, equal.T], [equal, np.zeros((len(equal), len(equal)))]])
             x = np.linalg.solve(KKT, np.append(-g, right))[:k]
-        forces, slack, torque = x[:k], x[k:], np.zeros(wanted.size)
+        forces = x[:k]
+        slack = x[k:]
+        torque = np.zeros(wanted.size)
         needed = asked - own.dot(forces)
         torque[self._motors] = given = np.minimum(np.maximum(needed, -self._limits), self._limits)
         beyond = needed - given

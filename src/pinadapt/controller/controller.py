@@ -87,17 +87,24 @@ class Controller:
         nominal: NominalRobot | None = None,
     ) -> None:
         """Put the parts together; ``pinadapt.make_controller`` does so with defaults."""
-        self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
-        self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
+        self.law = law
+        self.kinematics = kinematics
+        self.dynamics = dynamics
+        self.adaptation_k = adaptation_k
+        self.adaptation_d = adaptation_d
         self.limits = ControllerLimits() if limits is None else limits
         self.senses = senses or Senses(Guards.none(kinematics.robot.model))
         self.sensors = self.senses.sensors
-        self.motion, self.period, self.nominal = motion, period, nominal
+        self.motion = motion
+        self.period = period
+        self.nominal = nominal
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
-        self._filters, self._projects = law.filters, adaptation_d.projects
+        self._filters = law.filters
+        self._projects = adaptation_d.projects
         bandwidth = adaptation_d.torque_bandwidth
-        self._torque_filter, self._lead = None, None
+        self._torque_filter = None
+        self._lead = None
         if bandwidth is not None:
             motors = None
             if self.limits.actuators.late:
@@ -128,13 +135,15 @@ class Controller:
     def _make_scratch(self) -> None:
         """Make the model that a law gets, Pinocchio's data, and the lock for a thread's use."""
         parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
-        nothing, stop = Estimate(np.zeros(0)), self.limits.stop_on_divergence
+        nothing = Estimate(np.zeros(0))
+        stop = self.limits.stop_on_divergence
         self._estimated = EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
         self._alone, self._data = Lock(), self.kinematics.robot.model.createData()
 
     def __repr__(self) -> str:
         """Return law, task, what is adapted and how, and what it was made for."""
-        kinematics, actuators = self.kinematics, self.limits.actuators
+        kinematics = self.kinematics
+        actuators = self.limits.actuators
         frames = " and ".join(kinematics.robot.frames)
         made = "" if actuators.ideal else f", made for {actuators.words}"
         return (
@@ -152,7 +161,8 @@ class Controller:
         Raises:
             GainError: wrong size, or limits that are not positive.
         """
-        other, torque = copy.copy(self), torque_limits(self.kinematics.robot, torque)
+        other = copy.copy(self)
+        torque = torque_limits(self.kinematics.robot, torque)
         governor = self.limits.governor
         if governor is not None:
             limits = np.full(governor.lower.size, np.inf) if torque is None else torque
@@ -192,7 +202,8 @@ class Controller:
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
-        kinematics, dynamics = self.kinematics, self.dynamics
+        kinematics = self.kinematics
+        dynamics = self.dynamics
         with self.reserved():
             measurement = self._inputs.first(measurement)
             if a_k is None:
@@ -201,11 +212,13 @@ class Controller:
             a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
             dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
             H = squared(information_k, kinematics.size, "information_k")
-            kinematic, torque_filter = self.adaptation_k.init(a_k, H), self._torque_filter
+            kinematic = self.adaptation_k.init(a_k, H)
+            torque_filter = self._torque_filter
             sensed = self.senses.init(measurement, kinematics, kinematic.value)
             if information_k is not None:
                 sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
-            q, v = measurement.q, measurement.v
+            q = measurement.q
+            v = measurement.v
             return ControllerState(
                 t=measurement.t,
                 dynamic=dynamic,
@@ -308,7 +321,8 @@ class Controller:
                 the parameters are lumped products of lengths and inertias.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(self, state)
-        kinematics, made_for = self.kinematics, self.nominal
+        kinematics = self.kinematics
+        made_for = self.nominal
         nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
         learned = at_lengths(self.dynamics.robot(a_d, nominal), kinematics, state.a_k)
         return replace(learned, loads=(), remark=words)
@@ -357,12 +371,15 @@ class Controller:
         Returns:
             None where there is no ``disturbance``.
         """
-        a, b = self.adaptation_d.torque_bandwidth, np.asarray(getattr(self.law, "lambda_d", 0.0))
+        a = self.adaptation_d.torque_bandwidth
+        b = np.asarray(getattr(self.law, "lambda_d", 0.0))
         if not (a and b.any() and dt < math.inf):
             return None
-        low_pass, sensors = self.senses.low_pass, self.sensors
+        low_pass = self.senses.low_pass
+        sensors = self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        model, constraints = self.kinematics.robot.model, self.kinematics.constraints
+        model = self.kinematics.robot.model
+        constraints = self.kinematics.constraints
         M = pin.crba(model, model.createData(), q)
         if constraints is not None:
             M = constraints.free(q, np.zeros(len(M)))[0] @ M
@@ -400,7 +417,8 @@ class Controller:
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            torque_filter, path = state.torque_filter, state.path
+            torque_filter = state.torque_filter
+            path = state.path
             given = torque if self.compensation is None else torque + self.compensation(s.q)
             held = given.copy()  # the torque that goes out is the caller's
             if sensed.first is not None:
@@ -465,7 +483,8 @@ class Controller:
             InputError: the state is that of another controller, another thread is using this one,
                 or a damping that is negative.
         """
-        damping, hold = positive(damping, "damping", zero=True), flag(hold, "hold")
+        damping = positive(damping, "damping", zero=True)
+        hold = flag(hold, "hold")
         with self.reserved():
             self._inputs.state(state)
             t = math.nan if measurement is None else self._inputs.time(measurement.t)
@@ -473,7 +492,8 @@ class Controller:
             elapsed = t - state.t
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
-            model, dynamics = self.kinematics.robot.model, self.dynamics
+            model = self.kinematics.robot.model
+            dynamics = self.dynamics
             sensed = self.senses.fallback(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
@@ -590,12 +610,15 @@ class Controller:
         motors.
         """
         limits = self.limits.torque
-        torque, drives = command.torque, command.drives
+        torque = command.torque
+        drives = command.drives
         if command.feedthrough is not None:
             torque = command.at(s.a)
         if s.filtered_torque is not None and s.residual is not None:
             drive = drives.dynamic
-            drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
+            drive.W = s.filtered_torque.W
+            drive.residual = s.residual
+            drive.weight = None
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
@@ -604,7 +627,8 @@ class Controller:
             if s.missed.size:
                 drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
-            torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
+            torque = np.clip(torque, -limits, limits)
+            drives = drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
 
     def _footing(self, before: np.ndarray, stands: np.ndarray | None, elapsed: float) -> np.ndarray:
@@ -647,12 +671,16 @@ class Controller:
         dynamic = state.dynamic
         if s.a_d is not dynamic.value:  # projected
             dynamic = dynamic.with_value(s.a_d)
-        adaptation_k, adaptation_d = self.adaptation_k, self.adaptation_d
+        adaptation_k = self.adaptation_k
+        adaptation_d = self.adaptation_d
         if not s.adapting:
             adaptation_k = adaptation_d = _HELD
         model = self._estimated
-        model.adaptation_k, model.adaptation_d = adaptation_k, adaptation_d
-        model.kinematic, model.dynamic, model.dt = state.kinematic, dynamic, dt
+        model.adaptation_k = adaptation_k
+        model.adaptation_d = adaptation_d
+        model.kinematic = state.kinematic
+        model.dynamic = dynamic
+        model.dt = dt
         return model
 
     def _observe(
@@ -672,26 +700,35 @@ class Controller:
         s = Signals()
         assert sensed.x is not None  # the first sample had one
         s.t, s.q, s.v, s.x, s.w = sample.t, sensed.q, sensed.v, sensed.x, sample.w
-        s.a_k, s.a_0, s.a_d = state.kinematic.value, state.a_0, dynamic.value
+        s.a_k = state.kinematic.value
+        s.a_0 = state.a_0
+        s.a_d = dynamic.value
         if self._projects:
             s.a_d = self.adaptation_d.project(dynamic, s.q)
         self.dynamics.load(s.a_d)
-        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
+        s.J = kinematics.J
+        s.Jdot_v = kinematics.Jdot_v
+        s.Y_k = kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         feet = desired.feet
-        s.stands, s.missed = None if feet is None else feet.stands, FEASIBLE
+        s.stands = None if feet is None else feet.stands
+        s.missed = FEASIBLE
         if feet is not None and kinematics.constraints is not None:
             alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
-        s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
+        s.xd_hat = kinematics.xd_hat
+        s.xd_d = xd_d
+        s.xdd_d = xdd_d
         s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
-        s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
+        s.epsilon = sensed.epsilon
+        s.X_k = sensed.X_k
         s.filtered = self._filters.observe(state.filters, sensed, kinematics)
         a: Any = sample.a
         if a is None:
             a = getattr(s.filtered, "a", None)
         s.a = a
-        s.filtered_torque, s.residual = None, None
+        s.filtered_torque = None
+        s.residual = None
         if self._torque_filter is not None and (state.torque_filter or dt is not ...):
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
@@ -740,7 +777,8 @@ class Controller:
         """
         if not s.adapting:
             drives = Drives.none(s.a_d.size, s.a_k.size)
-        memory, path = state.torque_filter, state.path
+        memory = state.torque_filter
+        path = state.path
         if self._torque_filter is not None:
             memory = self._torque_filter.rate(s.filtered_torque, torque)
         if path is not None:

@@ -92,7 +92,8 @@ class FirstSamples:
         sent, swing, drive, time, suspect, healthy = sums
         if not dt > 0.0 or sent is None:
             return sums
-        T, middle = self.window, time + 0.5 * dt
+        T = self.window
+        middle = time + 0.5 * dt
         swing = swing + dt * (middle - 0.5 * T) * v
         drive = drive + dt * 0.5 * max(middle * (T - middle), 0.0) * sent
         time += dt
@@ -118,7 +119,8 @@ class FirstSamples:
 
         None where nothing shows: the arm rests, or gravity does not move it.
         """
-        model, own = self.robot.model, self.gravity(q)
+        model = self.robot.model
+        own = self.gravity(q)
         data = model.createData()
         M = pin.crba(model, data, q)
         falling = np.linalg.solve(M, own)

@@ -150,7 +150,8 @@ class Governor:
         slides = np.array(list(robot.slides.values()))
         causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
-        length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
+        length = 1.0 / (self.position * robot.reach)
+        angle = 1.0 / self.angle
         weight = np.full(task.size, angle)
         weight[: task.lengths] = length
         if isinstance(task, JointTask):
@@ -234,7 +235,8 @@ class PathGovernor:
             torque: (n) of the motors [N m or N].
             age: of the latest frame [s].
         """
-        given, factors = self.settings, empty(len(self.names))
+        given = self.settings
+        factors = empty(len(self.names))
         least = kernels.path_rate(
             dx, self.weight, self.positions, given.slow, given.hold, given.creep,
             (age - self.frames) / given.gap,
@@ -243,7 +245,8 @@ class PathGovernor:
             *desired, inverse.J, inverse.gram_inverse, self.velocity,
             path.rate, path.acceleration, 2.0 / given.quick, factors,
         )  # fmt: skip
-        target, cause = float(factors[least]), self.names[least]
+        target = float(factors[least])
+        cause = self.names[least]
         if inverse.conditioning < self.near:
             way = (inverse.conditioning - self.singular) / (self.near - self.singular)
             room = max(way, 0.0)
@@ -262,7 +265,9 @@ class PathGovernor:
         y = rate + acceleration / w
         w_y = w if target <= y else self.settings.recovery
         # y = target + ahead e_y; rate = target + ahead passed + (rate - target) e
-        ahead, e, e_y = y - target, math.exp(-w * dt), math.exp(-w_y * dt)
+        ahead = y - target
+        e = math.exp(-w * dt)
+        e_y = math.exp(-w_y * dt)
         passed = w * dt * e if w_y == w else w / (w - w_y) * (e_y - e)
         after = target + ahead * passed + (rate - target) * e
         y_after = target + ahead * e_y

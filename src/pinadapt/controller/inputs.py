@@ -27,8 +27,10 @@ class InputCheck:
     def __init__(self, kinematics: TaskKinematics, dynamic_size: int) -> None:
         """Take the sizes to expect."""
         self._task = task = kinematics.task
-        self._q, self._v = (kinematics.nq,), (kinematics.nv,)
-        self._x, self._m = (task.coordinates,), (task.size,)
+        self._q = (kinematics.nq,)
+        self._v = (kinematics.nv,)
+        self._x = (task.coordinates,)
+        self._m = (task.size,)
         self._estimates = (dynamic_size,), (kinematics.size,), (dynamic_size,)
         self._contacts = kinematics.robot.contacts
 
@@ -167,7 +169,8 @@ class InputCheck:
         instance(given, Feet, "desired.feet")
         if not self._contacts or any(contact.sole is not None for contact in self._contacts):
             raise InputError("only point contacts change.", where="desired.feet")
-        c, stands = len(self._contacts), np.asarray(given.stands)
+        c = len(self._contacts)
+        stands = np.asarray(given.stands)
         if stands.shape != (c,) or stands.dtype != bool:
             raise InputError(f"expected {c} bools, got {stands!r}.", where="desired.feet.stands")
         names = (f"feet.{name}" for name in Feet._fields[1:])

@@ -58,9 +58,12 @@ class AlongExcited:
             The parameters, and words that say which are as at the start. Where there are no such
             parameters, those of the state.
         """
-        rows, a, start = self.excited.rows, state.a_d, state.a_0
+        rows = self.excited.rows
+        a = state.a_d
+        start = state.a_0
         tolerance = min(max(0.1 * self.error, 1e-9), _TOLERANCE)
-        dynamics, adaptation = controller.dynamics, controller.adaptation_d
+        dynamics = controller.dynamics
+        adaptation = controller.adaptation_d
         if dynamics.per_body:
             found = nearest_with(rows, a, around(dynamics, start), tolerance)
         else:
@@ -135,7 +138,8 @@ class LearnedParameters:
             rows: (r, p) the information of the data.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
-        kinematics, dynamics = controller.kinematics, controller.dynamics
+        kinematics = controller.kinematics
+        dynamics = controller.dynamics
         names = *kinematics.names, *dynamics.names
         units = dict(zip(names, (*kinematics.units, *dynamics.units), strict=True))
         return cls(
@@ -168,7 +172,8 @@ class LearnedParameters:
         Raises:
             ParameterError: its parameters have other names.
         """
-        kinematic, dynamic = controller.kinematics.names, controller.dynamics.names
+        kinematic = controller.kinematics.names
+        dynamic = controller.dynamics.names
         start: dict[str, np.ndarray | None] = {
             "a_k": None
             if not self.kinematic
@@ -176,7 +181,8 @@ class LearnedParameters:
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
         if self.information:
-            rows, names = np.array(self.information), list(self.dynamic)
+            rows = np.array(self.information)
+            names = list(self.dynamic)
             if not same_load:
                 robot = controller.kinematics.robot
                 rows = _without(rows, names, [robot.joint_names[k] for k in robot.carriers])

@@ -181,7 +181,8 @@ def make_box(kinematics: TaskKinematics, given: ArrayLike | bool | None) -> np.n
         return None
     if given is None or given is True:
         return kinematics.bounds
-    names, p = kinematics.names, kinematics.size
+    names = kinematics.names
+    p = kinematics.size
     given = numbers(given, "limits.box", error=ParameterError)
     if given.shape == (2, p):
         return given

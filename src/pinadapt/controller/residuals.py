@@ -151,7 +151,9 @@ class FrameFit:
             a_k: (p) the estimate [m].
             error: (m_p) the prediction error of that [m].
         """
-        n, bound, fit = len(self.prior), CERTAIN * self.deviation, monitor.fit
+        n = len(self.prior)
+        bound = CERTAIN * self.deviation
+        fit = monitor.fit
         value, sums, since = fit or Explained(np.zeros(n), np.zeros((n, n + 1)))
         moved: float = monitor.shared.item(1)
         near = moved - since <= _FRAME
@@ -220,9 +222,15 @@ class Guards:
         old: MonitorState = before.monitor
         q_before = before.q
         if dt == math.inf:  # it is compared with none, and nothing is bridged
-            old, q_before, dt = new_monitor(v, -math.inf), q, 0.0
-        joints, q_used, v_used = empty(old.joints.shape), q.copy(), empty(v.size)
-        shared, bridged, since = old.shared.copy(), old.bridged.copy(), old.since.copy()
+            old = new_monitor(v, -math.inf)
+            q_before = q
+            dt = 0.0
+        joints = empty(old.joints.shape)
+        q_used = q.copy()
+        v_used = empty(v.size)
+        shared = old.shared.copy()
+        bridged = old.bridged.copy()
+        since = old.since.copy()
         monitor = MonitorState(joints, shared, bridged, since, old.time + dt, True, old.fit)
         answer = kernels.check_joints(
             q, q_before, v, dt, decay, old.begun, self.bounds, self.places, old.joints, joints,
@@ -252,7 +260,8 @@ class Guards:
         rate = old.joints[kernels.RATE]
         for i in np.flatnonzero(doubted).tolist():
             M = pin.crba(self.model, self.model.createData(), q_before)
-            push, change = np.linalg.inv(M)[i], v - rate
+            push = np.linalg.inv(M)[i]
+            change = v - rate
             push *= -rate[i] / push[i]
             push[i] = change[i] = 0.0
             least = 2.0 * self.bounds["clear"][i]
@@ -276,7 +285,8 @@ class Guards:
             monitor.since[JOINTS] = math.inf
             return
         i = int(np.argmax(wrong))
-        size, bound = monitor.joints[kernels.SIZE, i], monitor.joints[kernels.BOUND, i]
+        size = monitor.joints[kernels.SIZE, i]
+        bound = monitor.joints[kernels.BOUND, i]
         summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
         self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, monitor, i, summed)
 
@@ -291,11 +301,14 @@ class Guards:
         Raises:
             ImplausibleError: it has lasted.
         """
-        most, tau, flaw = self.torque, np.asarray(sample.tau), _STRONG
+        most = self.torque
+        tau = np.asarray(sample.tau)
+        flaw = _STRONG
         if tau.shape != most.shape or tau.dtype.kind not in "fiu":
             return sample._replace(tau=None)
         if sent is not None and self.sensed and sent.any():
-            tau, flaw = tau - sent, _OTHER
+            tau = tau - sent
+            flaw = _OTHER
             most = np.minimum(most, np.abs(sent) + self.sensed)
         i = int(np.argmax(np.abs(tau) / most))
         if not abs(tau[i]) > most[i]:
@@ -320,7 +333,9 @@ class Guards:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
         if self.frames is None:
-            size, bound, fit = float(np.linalg.norm(error)), self.farthest, None
+            size = float(np.linalg.norm(error))
+            bound = self.farthest
+            fit = None
         else:
             size, bound, fit = self.frames.after(monitor, X, a_k, error)
         if size > bound:
@@ -395,7 +410,8 @@ class Guards:
         channel, name, words, guess, guard = flaw
         if not monitor.lasts(channel) and not at_once:
             return
-        where, hint = f"against the model, [{'rad' if flaw is _TURNED else 'm'}]", ""
+        where = f"against the model, [{'rad' if flaw is _TURNED else 'm'}]"
+        hint = ""
         if joint is not None:
             where = f"joint '{self.model.names[joint + 1]}',"
         else:
@@ -423,11 +439,17 @@ def make_guards(
 
     ``on`` says which there are; the box (2, p) is that of the kinematic estimates [m].
     """
-    model, size, guards = robot.model, robot.reach, Guards.none(robot.model)
-    bounds, torque, m = guards.bounds, guards.torque, kinematics.positions
-    farthest, frames = math.inf, None
+    model = robot.model
+    size = robot.reach
+    guards = Guards.none(robot.model)
+    bounds = guards.bounds
+    torque = guards.torque
+    m = kinematics.positions
+    farthest = math.inf
+    frames = None
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
-    lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
+    lengths = np.where(slides, min(1.0, size), 1.0)
+    fast = velocity_limits(model)
     if on["velocity"]:
         bounds["fastest"] = 10.0 * fast  # half or double: the same faults are found
     if on["differences"]:

@@ -111,8 +111,10 @@ class Senses:
         kinematics.update(a_k, q, v)
         late = x_time is not None and x_time != t
         if not kinematics.positions:  # x follows from q
-            x, late = kinematics.x_hat, False
-        follow, seen = (before, t_before, t, q), x is not None
+            x = kinematics.x_hat
+            late = False
+        follow = (before, t_before, t, q)
+        seen = x is not None
         found = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         x, epsilon, X_k, frame, _ = found
         if kinematics.positions and seen:

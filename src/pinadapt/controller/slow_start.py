@@ -121,10 +121,13 @@ class SlowStart(Controller):
         self, measurement: Measurement, *, a_k: np.ndarray | None = None, **given: Any
     ) -> ControllerState:
         """Return the state to start from; see ``Controller.init``."""
-        state, joints = super().init(measurement, a_k=a_k, **given), self._joints
+        state = super().init(measurement, a_k=a_k, **given)
+        joints = self._joints
         if a_k is not None or joints is None:
             return state
-        q, robot, p = state.sensed.q, self.kinematics.robot, self.kinematics.size
+        q = state.sensed.q
+        robot = self.kinematics.robot
+        p = self.kinematics.size
         J = pin.computeFrameJacobian(
             robot.model, robot.model.createData(), q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
         )
@@ -149,14 +152,17 @@ class SlowStart(Controller):
         Raises:
             PinadaptError: as ``Controller.step``.
         """
-        start, joints, path = state.start, self._joints, state.path
+        start = state.start
+        joints = self._joints
+        path = state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
         # time in the cycle; negative: before the first
         place = math.fmod(path.lag - _SETTLING, self._cycle.settles + self._rest)
         with self.reserved():
             sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
-            t, begun = held.t, None
+            t = held.t
+            begun = None
             taken = t if sensed.frame is None else sensed.frame.t
             if taken > start.taken and sensed.epsilon.size:
                 rests = place - self._cycle.settles - (t - taken)
@@ -194,7 +200,8 @@ class SlowStart(Controller):
     @cached_property
     def _cycle(self) -> Waypoints:
         """A cycle of the frame on the unit sphere, in which each axis is excited as the others."""
-        none, corners = np.zeros(3), [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
+        none = np.zeros(3)
+        corners = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
         return Waypoints(np.vstack([none, corners, none]) / math.sqrt(3.0), _SEGMENT)
 
     @cached_property
@@ -212,8 +219,11 @@ class SlowStart(Controller):
             start: with the frames.
             a_k: (p) the estimate whose prediction errors they are.
         """
-        kinematics, H, score = self.kinematics, start.sums[:-1, :-1], start.sums[:-1, -1]
-        prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
+        kinematics = self.kinematics
+        H = start.sums[:-1, :-1]
+        score = start.sums[:-1, -1]
+        prior = np.diag(1.0 / kinematics.sizes**2)
+        least = _LEAST_NOISE * kinematics.robot.reach
         variance = least**2
         for _ in range(3):  # the variance is that of the residual
             information = H / variance + prior
@@ -229,7 +239,8 @@ class SlowStart(Controller):
             P = kinematics.covariance(rigid, of_rigid)
             other, _ = self._uncertain(start, nearest, P)
             if other < uncertain:
-                uncertain, found = other, nearest
+                uncertain = other
+                found = nearest
                 information = kinematics.information(rigid, of_rigid)
         box = self.adaptation_k
         if isinstance(box, BoxProjection):
@@ -242,7 +253,9 @@ class SlowStart(Controller):
         For each of the ways, with an estimate a_k (p) of covariance P (p, p); the size of the
         predicted velocities is relative to that of the arm's.
         """
-        kinematics, largest, moved = self.kinematics, 0.0, []
+        kinematics = self.kinematics
+        largest = 0.0
+        moved = []
         for way in start.ways.T:
             kinematics.update(a_k, start.q, way)
             Y_p = kinematics.Y_p

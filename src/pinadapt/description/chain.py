@@ -168,14 +168,16 @@ def position_limits(model: pin.Model) -> Bounds:
 
 def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits of the description; NaN for joints of two coordinates."""
-    first, turns = list(model.idx_qs)[1:], np.array(list(model.nqs)[1:]) > 1
+    first = list(model.idx_qs)[1:]
+    turns = np.array(list(model.nqs)[1:]) > 1
     stated = np.array([model.lowerPositionLimit, model.upperPositionLimit])
     return np.where(turns, np.nan, stated[:, first])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
     """Return finite bounds (2, nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
-    limits, half = position_limits(model), np.where(_slides(model), 1.0, np.pi)
+    limits = position_limits(model)
+    half = np.where(_slides(model), 1.0, np.pi)
     return np.where(np.isfinite(limits), limits, [-half, half])
 
 

@@ -144,7 +144,8 @@ def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
     own = None if entry.urdf is None else robots_folder() / entry.urdf
     whole = _whole_robot(entry.origin) if own is None else _from_file(own)
-    model, q_reference = whole.model, whole.q_reference
+    model = whole.model
+    q_reference = whole.q_reference
     if entry.tip is not None:
         index = frame_id(model, entry.link)
         link = model.frames[index]

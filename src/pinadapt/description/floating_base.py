@@ -28,5 +28,6 @@ def with_base_joints(tree: pin.Model) -> pin.Model:
     tree = with_unique_names(tree)
     model = pin.appendModel(base, tree, base.nframes - 1, pin.SE3.Identity())
     restore_names(model)
-    model.name, model.gravity.linear = tree.name, tree.gravity.linear
+    model.name = tree.name
+    model.gravity.linear = tree.gravity.linear
     return model

@@ -207,7 +207,9 @@ def mjcf_text(robot: Any) -> str:
     Raises:
         RobotError: a body without a physical inertia.
     """
-    model, friction, names = robot.model, robot.friction, robot.joint_names
+    model = robot.model
+    friction = robot.friction
+    names = robot.joint_names
     root = ElementTree.Element("mujoco", model=robot.name)
     lost = ", ".join([*friction.special, *(shaft.name(names) for shaft in friction.shafts)])
     lost = f" Not in this file: {lost}." if lost else ""

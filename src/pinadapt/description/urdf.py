@@ -273,8 +273,10 @@ def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
     Raises:
         RobotError: not well-formed XML.
     """
-    builder, parser = ElementTree.TreeBuilder(), ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    builder = ElementTree.TreeBuilder()
+    parser = ParserCreate()
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
     try:
         parser.Parse(text, True)

@@ -56,7 +56,8 @@ class _Edited:
     """The URDF of an origin while it is changed into that of a robot with the same joints."""
 
     def __init__(self, robot: Any, origin: Origin) -> None:
-        self.root, self.packages = origin.urdf.root, origin.urdf.packages
+        self.root = origin.urdf.root
+        self.packages = origin.urdf.packages
         self.robot = robot
         self.described = origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
@@ -64,7 +65,8 @@ class _Edited:
 
     def written(self) -> ElementTree.Element:
         """Write everything that differs; return the root element."""
-        model, names = self.robot.model, self.robot.joint_names
+        model = self.robot.model
+        names = self.robot.joint_names
         own = [(index, name) for index, name in enumerate(names, 1) if name not in BASE_JOINTS]
         for index, name in own:
             now = model.jointPlacements[index]

@@ -67,7 +67,8 @@ class Shapes:
         solids = None if robot.drawn is None else robot.drawn.solids()
         if solids is None:
             return None
-        geometry, links = _convex(solids[0]), list(solids[1])
+        geometry = _convex(solids[0])
+        links = list(solids[1])
         allowed = set[frozenset[str]]()
         if srdf is not None:
             disabled = read_xml(Path(srdf)).iter("disable_collisions")
@@ -94,7 +95,8 @@ class Shapes:
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
-        data, found = self.model.createData(), self.geometry.createData()
+        data = self.model.createData()
+        found = self.geometry.createData()
         different, which = np.unique(q, axis=0, return_inverse=True)
         for request in found.distanceRequests:  # accurate enough for differences, in contact too
             request.gjk_tolerance = request.epa_tolerance = 1e-9
@@ -185,7 +187,9 @@ class Allowance:
             InputError: an excursion or load that is not a positive number.
             RobotError: home is outside the limits, or the motors cannot hold the load there.
         """
-        self.robot, self.shapes, model = robot, shapes, robot.model
+        self.robot = robot
+        self.shapes = shapes
+        model = robot.model
         slides = np.array(list(robot.slides.values()))
         reach = np.where(slides, _SLIDE, _TURN)
         if excursion is not None:

@@ -123,9 +123,12 @@ class _Search:
         Raises:
             ParameterError: no motion identifies any of the parameters.
         """
-        self._dynamics, self._allowed, self.basis = dynamics, allowed, basis
+        self._dynamics = dynamics
+        self._allowed = allowed
+        self.basis = basis
         robot = allowed.robot
-        self._home, efforts = robot.home_angles, effort_limits(robot.model)
+        self._home = robot.home_angles
+        efforts = effort_limits(robot.model)
         self._noise = _NOISE * np.where(
             np.isfinite(efforts), efforts, 9.81 * robot.mass * robot.reach
         )
@@ -160,10 +163,13 @@ class _Search:
         The other states are k blocks, each with a replacement for every one of the first. The
         changes (k, first) are to first order, of one replacement at a time.
         """
-        count, b = first or len(states.q), len(self.chosen)
+        count = first or len(states.q)
+        b = len(self.chosen)
         rows = self._regressors(states)[:, :, self.chosen] / self._noise[:, None] @ self._root
-        W, others = rows[:count], rows[count:].reshape(-1, count, *rows.shape[1:])
-        share, flat = self.basis.period / BLOCK / count, W.reshape(-1, b)
+        W = rows[:count]
+        others = rows[count:].reshape(-1, count, *rows.shape[1:])
+        share = self.basis.period / BLOCK / count
+        flat = W.reshape(-1, b)
         information = np.eye(b) + share * (flat.T @ flat)
         slope = share * np.linalg.solve(information, flat.T).T.reshape(W.shape)
         changes = np.einsum("tij,ktij->kt", slope, others - W)
@@ -171,8 +177,10 @@ class _Search:
 
     def information(self, states: States) -> Information:
         """Return the information of a motion's states, one measurement in each block of time."""
-        W, rows = self._regressors(states), self.basis.period / BLOCK
-        own, noise = self._dynamics, self._noise * np.sqrt(len(W) / rows)
+        W = self._regressors(states)
+        rows = self.basis.period / BLOCK
+        own = self._dynamics
+        noise = self._noise * np.sqrt(len(W) / rows)
         return Information.of_rows(own.names, own.initial, W, 0.0 * W[:, :, 0], noise)
 
     def _regressors(self, states: States) -> np.ndarray:
@@ -184,10 +192,12 @@ class _Search:
         """Return the coefficients of largest gain, nearly within the allowance."""
         from scipy.optimize import minimize  # here, because scipy is slow to import
 
-        rng, shape = np.random.default_rng(seed), (len(self._home), self.basis.size)
+        rng = np.random.default_rng(seed)
+        shape = (len(self._home), self.basis.size)
         starts = (self.inside(rng.standard_normal(shape)) for _ in range(_STARTS))
         first = max(starts, key=lambda theta: self.gain(self.states(theta))[0])
-        size, steps = np.abs(first).max(), iter(iterations)
+        size = np.abs(first).max()
+        steps = iter(iterations)
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
             """Return the cost and its slope in coordinates of order one."""
@@ -213,7 +223,9 @@ class _Search:
         Raises:
             RobotError: no factor does.
         """
-        kept, low, high = self._allowed.kept, 0.0, 1.0
+        kept = self._allowed.kept
+        low = 0.0
+        high = 1.0
         if kept(self.states(theta)):
             return theta
         for _ in range(20):
@@ -282,7 +294,8 @@ class ExcitingMotion(Printed):
 
     def report(self) -> Report:
         """Return tables of limits and of parameters."""
-        limits, found = self.limits, self.information
+        limits = self.limits
+        found = self.information
         rows = [
             ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),
             ("parameters", f"{identifiable(found)}, {self.identifiable} by any motion"),
@@ -366,10 +379,12 @@ class RestToRest:
         conditions[0, :harmonics], conditions[1, harmonics:] = k, np.ones(harmonics)
         scale = np.tile(1.0 / k, 2)  # coefficients of equal speed
         self._free = scale[:, None] * np.linalg.svd(conditions)[2][2:].T
-        self.period, self.size = period, self._free.shape[1]
+        self.period = period
+        self.size = self._free.shape[1]
         times = np.linspace(0.0, period, samples, endpoint=False)
         w = 2.0 * np.pi / period * k
-        c, s = np.cos(np.outer(times, w)), np.sin(np.outer(times, w))
+        c = np.cos(np.outer(times, w))
+        s = np.sin(np.outer(times, w))
         rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
         self.rows = np.array([np.hstack(row) for row in rows]) @ self._free
 

@@ -247,7 +247,8 @@ def calibrate(
     whole = _Geometry(described, placements, start)
     kept, rows, _, noise = _fitted(whole, seen, name)
     held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
-    last, first = seen.only(kept & held), seen.only(kept & ~held)
+    last = seen.only(kept & held)
+    first = seen.only(kept & ~held)
     after = _Geometry(described, placements, start)
     _fitted(after, first, name, noise)
     alone = _Unknown.of(described, (), seen.task, start) if tracker else placements
@@ -341,7 +342,8 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
             turned where they should be those of the base.
     """
     p = np.array([robot.placement(q).translation for q in seen.q])
-    x, motion = seen.x[:, :3], spread(p)
+    x = seen.x[:, :3]
+    motion = spread(p)
     if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
@@ -406,7 +408,8 @@ class _Unknown(NamedTuple):
         Raises:
             InputError: an unknown word, or none.
         """
-        known, model = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], robot.model
+        known = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names]
+        model = robot.model
         for given in words:
             word(given, known, "unknown")
         found = []
@@ -417,7 +420,9 @@ class _Unknown(NamedTuple):
             prior[own] *= _OFFSET
             if tracked := joint == FIRST and base is not None:
                 turned = base.rotation @ model.jointPlacements[FIRST].rotation
-                axes, own, name = np.kron(np.eye(2), turned).T, -1, TRACKER
+                axes = np.kron(np.eye(2), turned).T
+                own = -1
+                name = TRACKER
                 prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
             for k, label in enumerate(labels):
@@ -453,7 +458,9 @@ class _Geometry:
 
     def __init__(self, robot: Robot, unknown: _Unknown, base: pin.SE3) -> None:
         """Use the unknown placements of a robot, its base at a placement in the axes of x."""
-        self.described, self.unknown, self.model = robot, unknown, robot.model.copy()
+        self.described = robot
+        self.unknown = unknown
+        self.model = robot.model.copy()
         move_base(self.model, base)
         self._data = self.model.createData()
 
@@ -469,7 +476,8 @@ class _Geometry:
         """Move the placements by a step (p) of their displacements."""
         for own, place, _ in self._placements(self.model):
             moved = place * pin.exp6(self.unknown.axes[:, own] @ step[own])
-            place.translation, place.rotation = moved.translation, moved.rotation
+            place.translation = moved.translation
+            place.rotation = moved.rotation
 
     def value(self) -> np.ndarray:
         """Return how far each placement is from the description (p) [m or rad].
@@ -488,7 +496,8 @@ class _Geometry:
         model = self.described.model.copy()
         for own, now, place in self._placements(model):
             if not (self.unknown.tracked and own[0]):
-                place.translation, place.rotation = now.translation, now.rotation
+                place.translation = now.translation
+                place.rotation = now.rotation
         return replace(self.described, model=model, remark=remark)
 
     def tracker(self) -> pin.SE3:
@@ -503,9 +512,12 @@ class _Geometry:
             (M, m), and (M, m, p) by the parameters. Orientations are compared by the vector phi of
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
-        model, data, unknown = self.model, self._data, self.unknown
+        model = self.model
+        data = self._data
+        unknown = self.unknown
         frame = self.described.frame_id
-        r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(unknown.names)))
+        r = np.zeros((len(seen.q), 6))
+        W = np.zeros((len(seen.q), 6, len(unknown.names)))
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
             at = pin.updateFramePlacement(model, data, frame)
@@ -554,7 +566,8 @@ def _fitted(
     Raises:
         LogError: too few frames, or too many that do not fit.
     """
-    prior, m = geometry.unknown.prior, seen.task.size
+    prior = geometry.unknown.prior
+    m = seen.task.size
     least = np.array([LEAST_NOISE * geometry.described.reach, LEAST_NOISE])[: m // 3]
 
     def fit() -> tuple[np.ndarray, ...]:
@@ -567,7 +580,8 @@ def _fitted(
             np.sqrt(np.mean(squares[kept], axis=0)) if known is None else known, least
         )
         sigma = np.repeat(noise, 3)
-        rows, left = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior)), r[kept] / sigma
+        rows = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior))
+        left = r[kept] / sigma
         squared = np.linalg.svd(rows, compute_uv=False) ** 2
         rank = float(np.sum(squared / (1.0 + squared)))
         if _LEAST * rank > len(rows):

@@ -190,7 +190,8 @@ class Estimate:
         Raises:
             KeyError: the model lacks a joint.
         """
-        chain, friction = self.robot.model, self.robot.friction
+        chain = self.robot.model
+        friction = self.robot.friction
         for i, name in enumerate(self.robot.joint_names, start=1):
             if name in BASE_JOINTS[:-1]:
                 continue
@@ -211,7 +212,8 @@ class Estimate:
 
     def __str__(self) -> str:
         """Return the load and the advice."""
-        load, words = self.load, "no load"
+        load = self.load
+        words = "no load"
         if load is not None:
             centre = ", ".join(
                 f"{1e3 * c:.0f} +- {1e3 * d:.0f}"
@@ -259,9 +261,11 @@ class Estimator:
             InputError: words that cannot be used, or parameters that are not of bodies.
         """
         self.robot = instance(robot, Robot, "robot").undrawn()
-        self._constraints, self._inputs = robot.constrained, InputCheck(JointKinematics(robot), 0)
+        self._constraints = robot.constrained
+        self._inputs = InputCheck(JointKinematics(robot), 0)
         self.length = max(LENGTH, FEWEST * positive(period, "period"))
-        self._held, given = flag(held, "held"), Unknown.of(unknown)
+        self._held = flag(held, "held")
+        given = Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
             given = replace(given, friction=None, armature=None)
         carrier = robot.carriers[0]
@@ -269,7 +273,8 @@ class Estimator:
         bodies = sorted({*chosen_bodies(robot, given.bodies), carrier})
         chosen = replace(given.with_joints(), bodies=[robot.joint_names[i] for i in bodies])
         self._moving = np.flatnonzero(~np.isin(robot.joint_names, BASE_JOINTS))
-        self._near, tried = self._moving[:0], list[str]()
+        self._near = self._moving[:0]
+        tried = list[str]()
         if given.friction is None:
             self._near = self._moving
             chosen = replace(chosen, effects=KINDS)
@@ -281,7 +286,8 @@ class Estimator:
             self.robot = replace(self.robot, friction=friction)
         rubbing = [robot.joint_names[j] for j in self._near]
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
-        own, size = physical_set(dynamics, self.robot), dynamics.inertial.size
+        own = physical_set(dynamics, self.robot)
+        size = dynamics.inertial.size
         self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
         dry = [dynamics.names.index(f"{name}.{kind}") for name in rubbing for kind in _DRY]
         self._dry = np.array(dry, dtype=int).reshape(-1, len(_DRY))
@@ -341,7 +347,8 @@ class Estimator:
         free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
         self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
         # what a state has learned at first
-        none, e = np.zeros(robot.model.nv), len(self._order)
+        none = np.zeros(robot.model.nv)
+        e = len(self._order)
         self._nothing: dict[str, Any] = {
             "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
             "past": np.zeros((e, e)),
@@ -461,7 +468,8 @@ class Estimator:
         known, tau, rest = found[:, -3:].T
         a, (noise, _) = self._physical.center, noise_levels(tau[None])
         if state.prediction is not None:
-            a, noise = state.prediction.a, state.prediction.noise
+            a = state.prediction.a
+            noise = state.prediction.noise
         coulomb = self.robot.friction.coulomb.copy()
         coulomb[self._near] = a[self._rubbing[:, 0]]
         weight = 1.0 / np.hypot(1.0, rest * coulomb / (noise + TINY))
@@ -480,7 +488,8 @@ class Estimator:
 
     def _smoothed(self, samples: Sequence[Measurement]) -> Measurement:
         """Return the middle sample, on cubics through the positions around it."""
-        middle, model = samples[self._count // 2], self.robot.model
+        middle = samples[self._count // 2]
+        model = self.robot.model
         t = np.array([one.t for one in samples]) - middle.t
         moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
         *_, slope, value = np.polyfit(t, moved, 3)
@@ -488,7 +497,8 @@ class Estimator:
 
     def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
-        robot, n = self.robot, self.robot.model.nv
+        robot = self.robot
+        n = self.robot.model.nv
         t, q, v, *_, tau, _ = measurement
         Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
         M, F = np.zeros((2, n, self._columns + 3))
@@ -544,9 +554,11 @@ class Estimator:
 
     def _begin_load(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
-        past, left = state.past, state.left
+        past = state.past
+        left = state.left
         if state.accepted[1]:
-            prediction, at = state.prediction or self._predict(state), self._loaded
+            prediction = state.prediction or self._predict(state)
+            at = self._loaded
             S = self._under_load(state, prediction.a)
             M = S.T @ self._sums(state, prediction.lasting) @ S
             if state.load is not None:
@@ -556,7 +568,8 @@ class Estimator:
                 M += known.T @ known
                 M -= M[:, at] @ np.linalg.solve(M[at][:, at], M[at])
             M[at], M[:, at] = 0.0, 0.0
-            past, left = past + M, left + self._squares(state, prediction.a)
+            past = past + M
+            left = left + self._squares(state, prediction.a)
         state = state._replace(
             products=self._nothing["products"],
             past=past,
@@ -576,7 +589,9 @@ class Estimator:
         """
         from scipy.sparse import csr_array  # here, because scipy is slow to import
 
-        B, x, dry = self._B.copy(), a[self._rest, None], a[self._rubbing]
+        B = self._B.copy()
+        x = a[self._rest, None]
+        dry = a[self._rubbing]
         B[self._fading, self._rubbing] = x
         B[self._fading, self._rest[:, None]] = dry
         B[self._fading, -1] = x * dry  # as the product x d is in both columns
@@ -591,7 +606,9 @@ class Estimator:
         """
         # a load that is unknown from the start cannot be told from an unknown last body
         known = state.load is not None and (self._alone or bool(state.past.any()))
-        S, shares, load = np.eye(len(self._B)), known * a[self._shares], known * a[self._load]
+        S = np.eye(len(self._B))
+        shares = known * a[self._shares]
+        load = known * a[self._load]
         S[self._carried] = 0.0
         S[self._carried, self._loaded] = shares
         S[self._carried, self._gears] = load
@@ -628,7 +645,8 @@ class Estimator:
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
-        w, each = self._weights(state, a), zip(self._places, state.products, strict=True)
+        w = self._weights(state, a)
+        each = zip(self._places, state.products, strict=True)
         return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
@@ -645,15 +663,18 @@ class Estimator:
         """Return noise (n), of windows that are not independent, as if they were."""
         if len(state.recent) < _EVERY:
             return noise * np.sqrt(OVERLAP) * self._repeated
-        w, each = self._weights(state, a), zip(self._each(state.recent), self._places, strict=True)
+        w = self._weights(state, a)
+        each = zip(self._each(state.recent), self._places, strict=True)
         left = np.column_stack([rows @ w[at] for rows, at in each])
         return noise * self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
         """Return the estimate of least squares near the description, with its covariance."""
-        center, before = self._prior(state).center, state.prediction
+        center = self._prior(state).center
+        before = state.prediction
         T = self._T
-        a, fitted = center if before is None else before.a, 0.0
+        a = center if before is None else before.a
+        fitted = 0.0
         for _ in range(_ROUNDS if before is None else 1):
             M = self._equations(state, self._noise(state, a, fitted), a)
             X = _inverse(M, T)
@@ -670,7 +691,8 @@ class Estimator:
         """Return whether windows are as predicted, within what is known of the parameters."""
         each = zip(self._each(windows), self._places, prediction.lasting, strict=True)
         both = np.concatenate([rows @ prediction.columns[at] / size for rows, at, size in each])
-        r, A = both[:, 0], both[:, 1:]
+        r = both[:, 0]
+        A = both[:, 1:]
         return bool(r @ np.linalg.solve(np.eye(len(r)) + A @ A.T, r) <= _LIMIT**2 * len(r))
 
     def estimate(self, state: EstimatorState, near: Estimate | None = None) -> Estimate:
@@ -684,7 +706,8 @@ class Estimator:
         if self._wrist:  # as ``identify`` chooses it
             a_without, noise_without = self._fitted(state, a, self._wrist)
             if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
-                a, noise = a_without, noise_without
+                a = a_without
+                noise = noise_without
         T, _ = self._prior(state).local(a)
         root = T @ _inverse(self._equations(state, self._lasting(state, a, noise), a), T)
         load = None
@@ -705,7 +728,8 @@ class Estimator:
         self, state: EstimatorState, near: np.ndarray | None, without: list[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return parameters (p), others being near (p), and noise (n); some are as described."""
-        physical, kept = self._prior(state), np.ones(len(self.names))
+        physical = self._prior(state)
+        kept = np.ones(len(self.names))
         kept[without] = 0.0
         a = physical.center if near is None else near
         noise = self._noise(state, a, 0.0) if state.prediction is None else state.prediction.noise

@@ -104,7 +104,9 @@ def torque_information(
         gains: (n) by which their torques were divided; none, and there are no further ones.
         gain: deviation of the whole gains from one.
     """
-    residual, n, p = windows.residual(a), len(gains), len(a)
+    residual = windows.residual(a)
+    n = len(gains)
+    p = len(a)
     noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
     W = np.concatenate([windows.W, columns], axis=2)
@@ -199,13 +201,17 @@ def load_fit(
         center=np.append(physical.center[last], physical.center),
         body_weights=np.append(FREE, np.ones(physical.bodies)),
     )
-    names, W = (*LABELS, *dynamics.names), np.concatenate([load, W], axis=2)
+    names = (*LABELS, *dynamics.names)
+    W = np.concatenate([load, W], axis=2)
     windows = both[0]._replace(t=t, W=W, y=y, tau=tau, names=names)
-    gains, stated, known = np.ones(tau.shape[1]), np.zeros((0, len(names) + 1)), None
+    gains = np.ones(tau.shape[1])
+    stated = np.zeros((0, len(names) + 1))
+    known = None
     found = torque_fit(whole, windows, stated, gain=GAIN)
     if mass is not None:
         alone = found.refined()  # which may be negative, where the logs are swapped
-        shown, off = alone.estimate[0], alone.deviations[0]
+        shown = alone.estimate[0]
+        off = alone.deviations[0]
         if abs(shown - mass) > CERTAIN * off:
             raise ParameterError(
                 f"{mass:g} kg are stated, and the torques show {shown:.3g} +- {off:.2g} kg.",
@@ -270,7 +276,8 @@ def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
 
     What the motion does not identify stays as described.
     """
-    a, reach = kinematics.initial, kinematics.robot.reach
+    a = kinematics.initial
+    reach = kinematics.robot.reach
     return fitted(windows.names, a, windows.W, windows.residual(a), reach).refined()
 
 
@@ -312,14 +319,18 @@ class Windows(NamedTuple):
             constraints: of the robot, with feet that all stand; torques are then what no constraint
                 force changes, P tau, see ``FilteredRegressor``. None: there are none.
         """
-        n, size, P = motion.v.shape[1], dynamics.size, np.eye(motion.v.shape[1])
-        found, free = np.zeros((len(averages.t), n * (size + 1))), np.array(motion.tau)
+        n = motion.v.shape[1]
+        size = dynamics.size
+        P = np.eye(motion.v.shape[1])
+        found = np.zeros((len(averages.t), n * (size + 1)))
+        free = np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
             part = slice(start, start + 1000)
             both = []
             for q, v, tau in zip(motion.q[part], motion.v[part], free[part], strict=True):
                 Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
-                M, F = np.column_stack([Y_M, p_0]), np.column_stack([Y_0, tau_0])
+                M = np.column_stack([Y_M, p_0])
+                F = np.column_stack([Y_0, tau_0])
                 if constraints is not None:
                     M, F, P = constraints.project_momentum(M, F, q, v)
                     tau[:] = P @ tau
@@ -328,7 +339,8 @@ class Windows(NamedTuple):
             found += averages.phi[:, part] @ rest
             found -= averages.rate[:, part] @ moving
         whole = averages.whole
-        rows, tau = found.reshape(-1, n, size + 1)[whole], averages.mean(free)[whole]
+        rows = found.reshape(-1, n, size + 1)[whole]
+        tau = averages.mean(free)[whole]
         parts = averages.t[whole], rows[:, :, :size], tau - rows[:, :, size], tau
         repeated = float(np.sqrt(n / np.trace(P)))
         return cls(*parts, dynamics.names, averages.length, repeated)

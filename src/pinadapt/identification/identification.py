@@ -120,19 +120,23 @@ def identify(
             where="known_load",
             hint="Record the arm without the load too: --empty, in Python empty=...",
         )
-    sources, tests = several(log), several(test)
-    logs, all_options = list[Log](), list[ImportOptions]()
+    sources = several(log)
+    tests = several(test)
+    logs = list[Log]()
+    all_options = list[ImportOptions]()
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
         logs.append(one)
     count = len(sources) + len(tests)
     logs, without = in_sequence(logs[:count], _PAUSE), logs[count:]
-    found, given = joined(logs), Unknown.of(unknown)
+    found = joined(logs)
+    given = Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, given)
     unknown = replace(given, regressor="nominal").with_joints()
     controller = _controller(nominal, unknown)
-    dynamics, kinematics = controller.dynamics, controller.kinematics
+    dynamics = controller.dynamics
+    kinematics = controller.kinematics
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
@@ -191,7 +195,8 @@ def identify(
         given = replace(given, effects=words, armature=bool(given.armature))
         unknown = replace(given, regressor="nominal").with_joints()
         controller = _controller(nominal, unknown)
-    dynamics, model = controller.dynamics, nominal_dynamics(placed, unknown, ())
+    dynamics = controller.dynamics
+    model = nominal_dynamics(placed, unknown, ())
     physical = physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model, constraints)
     weighed = mass_equation(dynamics, nominal, total_mass)
@@ -248,7 +253,9 @@ def _online(
     samples = zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
     measured = [Measurement(t, q, v, tau=tau) for t, q, v, tau in samples]
     stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
-    state, last, found = estimator.init(measured[0]), None, dict[float, Estimate]()
+    state = estimator.init(measured[0])
+    last = None
+    found = dict[float, Estimate]()
     for k in watched(range(1, len(measured)), progress, "online"):
         state = estimator.step(state, measured[k])
         if k in stops:
@@ -262,7 +269,8 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
     Raises:
         LogError: one does.
     """
-    constraints, footing = robot.constrained, np.zeros((0, 3))
+    constraints = robot.constrained
+    footing = np.zeros((0, 3))
     steps = np.diff(motion.t, prepend=motion.t[0])
     samples = zip(motion.t, steps, motion.q, motion.v, strict=True)
     for t, step, q, v in samples if robot.contacts else ():

@@ -34,7 +34,8 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
     Raises:
         LogError: fewer than two samples are finite.
     """
-    q, tau = log.configurations(robot), log.tau
+    q = log.configurations(robot)
+    tau = log.tau
     if log.held:
         around = np.pad(tau, ((2, 1), (0, 0)), mode="edge")
         tau = (9.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 16.0

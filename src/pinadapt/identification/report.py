@@ -149,7 +149,9 @@ class Identification(Printed):
     @property
     def state(self) -> ControllerState:
         """The state of a controller with these estimates; see ``Controller.learned``."""
-        t, a_k, a_d = float(self.motion.t[0]), self.kinematic.estimate, self.dynamic.estimate
+        t = float(self.motion.t[0])
+        a_k = self.kinematic.estimate
+        a_d = self.dynamic.estimate
         return ControllerState(t, Estimate(a_d), Estimate(a_k), a_d, filters=())
 
     @property
@@ -184,7 +186,8 @@ class Identification(Printed):
         if not gain:
             return plain
         windows = self.windows.between(last=self.split) if self.tested else self.windows
-        a, gains = self.dynamic.estimate, np.ones(windows.tau.shape[1])
+        a = self.dynamic.estimate
+        gains = np.ones(windows.tau.shape[1])
         found = torque_information(a, windows, self.stated, gains, gain).of_first(a.size)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
@@ -305,7 +308,8 @@ class Identification(Printed):
         if self.position_errors is not None and not self.dynamic.names:
             return f"error of held-out positions: {self.position_errors.change(1e3)} mm (rms)."
         errors = self.torque_errors
-        gain, words = errors.gain or 0.0, f"error of held-out torques: {errors.change()} "
+        gain = errors.gain or 0.0
+        words = f"error of held-out torques: {errors.change()} "
         words += f"{self._unit} (rms), {gain:.3g} times less"
         if self._far_off is not None:
             return (
@@ -338,7 +342,8 @@ class Identification(Printed):
         if load is None:
             return False
         lightest = -self.described.model.inertias[-1].mass
-        known, heaviest = load.mass_known_to, HEAVIEST * self.described.mass
+        known = load.mass_known_to
+        heaviest = HEAVIEST * self.described.mass
         return bool(lightest - known <= load.mass <= heaviest + known)
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
@@ -350,7 +355,8 @@ class Identification(Printed):
     @cached_property
     def _record(self) -> dict[str, Any]:
         """What there is to say: text, page and ``summary.json`` follow from it."""
-        log, effects = self.log, self.effects
+        log = self.log
+        effects = self.effects
         return {
             "verdict": self.verdict,
             "log": log.source,
@@ -417,7 +423,8 @@ class Identification(Printed):
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        errors, joints = self.torque_errors, self.described.joint_names
+        errors = self.torque_errors
+        joints = self.described.joint_names
         columns = {"torque": errors.size, "described": errors.described_held_out}
         for name, robot in compared.items():
             if robot.joint_names != joints:
@@ -499,7 +506,8 @@ class Identification(Printed):
             matplotlib,  # here, because matplotlib is slow to import
         )
 
-        windows, title = self.windows, f"{self.described.name}, {Path(self.log.source).name}"
+        windows = self.windows
+        title = f"{self.described.name}, {Path(self.log.source).name}"
         estimates = {"described": self.described_parameters, "identified": self.before_split}
         predicted = {name: windows.tau - windows.residual(a) for name, a in estimates.items()}
         online = SimpleNamespace(

@@ -89,7 +89,8 @@ class _Candidate(NamedTuple):
 
 def with_shafts(robot: Robot, first: int = 0) -> Robot:
     """Return a robot with all shafts that two neighbouring joints may turn, from a joint on."""
-    slides, friction = list(robot.slides.values()), robot.friction
+    slides = list(robot.slides.values())
+    friction = robot.friction
     shafts = tuple(
         Shaft((j, j + 1), turn, threshold=float(friction.threshold[j]))
         for j, turn in product(range(first, len(slides) - 1), (1, -1))
@@ -119,10 +120,12 @@ def choose_effects(
         armature: whether rotor inertias are chosen.
         effects: whether all else is chosen: friction near rest, loads, asymmetry, offsets, shafts.
     """
-    physical, n = physical_set(dynamics.inertial, robot), robot.model.nv
+    physical = physical_set(dynamics.inertial, robot)
+    n = robot.model.nv
     size = physical.center.size
     bodies = windows.W[:, :, :size]
-    sign, chosen = np.tanh(motion.v / robot.friction.threshold), np.isin(averages.t, windows.t)
+    sign = np.tanh(motion.v / robot.friction.threshold)
+    chosen = np.isin(averages.t, windows.t)
     near = [
         averages.mean(sign * np.exp(-np.abs(motion.v) / fading))[chosen][:, :, None] * np.eye(n)
         for fading in _FADINGS
@@ -138,22 +141,27 @@ def choose_effects(
     prior = np.where(np.arange(X.shape[2]) < size, WEIGHT, 0.0)
     (noise, least), names = noise_levels(windows.tau), robot.joint_names
     plain = [dynamics.names.index(f"{name}.{kind}") for kind in _PLAIN for name in names]
-    index, candidates = np.array([*range(size), *plain]), _candidates(robot, dynamics)
+    index = np.array([*range(size), *plain])
+    candidates = _candidates(robot, dynamics)
     open_ = [one for one in candidates if (armature if len(one.coefficients) > 1 else effects)]
-    friction, words, gains = robot.friction, list[str](), list[Gain]()
+    friction = robot.friction
+    words = list[str]()
+    gains = list[Gain]()
     while True:
         left = _fitted(np.tensordot(noise**-2.0, products.sum(axis=0), axes=1), prior, index)
         squares = left @ products.sum(axis=0) @ left
         noise = np.maximum(np.sqrt(squares / rows.sum() * n), least)
         H = np.tensordot(noise**-2.0, products, axes=(0, 1))
-        before, found = _held_out(H, prior, index) / rows, []
+        before = _held_out(H, prior, index) / rows
+        found = []
         for one in open_:
             whole = np.append(index, one.columns)
             if one.shaft and (_fitted(H.sum(axis=0), prior, whole)[one.columns] > 0.0).any():
                 continue  # with negative friction or a negative rotor it is something else
             after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
-            share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
+            share = float(shares.mean())
+            error = float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
             if share > max(_SIGNIFICANCE * error, LEAST_GAIN):
                 found.append((Gain(one.words, share, error), one))
         if not found:
@@ -170,14 +178,16 @@ def choose_effects(
             fit, (j, fading) = _fitted(H.sum(axis=0), prior, index), best.fading
             dry = -fit[plain[n + j]]
             ratio = 1.0 - fit[index[-1]] / dry if dry > 0.0 else 1.0
-            breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
+            breakaway = friction.breakaway.copy()
+            fadings = friction.fading.copy()
             breakaway[j], fadings[j] = max(ratio, 0.0), fading
             friction = replace(friction, breakaway=breakaway, fading=fadings)
 
 
 def _candidates(robot: Robot, dynamics: Dynamics) -> Iterator[_Candidate]:
     """Yield the effects that may be added; columns of friction near rest are the last ones."""
-    names, joints = list(dynamics.names), robot.joint_names
+    names = list(dynamics.names)
+    joints = robot.joint_names
     armatures = tuple(f"{name}.armature" for name in joints)
     yield _Candidate("rotor inertias of all joints", armatures, list(map(names.index, armatures)))
     for word in names[dynamics.inertial.size :]:

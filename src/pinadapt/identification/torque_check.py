@@ -162,7 +162,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     plain = _fit(motion)
     undone = ((cause, _fit(other)) for cause, other in _mistakes(motion))
     likely = sorted(undone, key=lambda one: one[1].score)
-    causes, best = list[str](), likely[0][1].score
+    causes = list[str]()
+    best = likely[0][1].score
     if best < plain.score - _EVIDENCE:
         causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _EVIDENCE]
     elif not plain.fits.all():
@@ -225,13 +226,15 @@ class _Motion(NamedTuple):
 
     def without(self, values: np.ndarray, count: int) -> np.ndarray:
         """Return values (K, n, k) less what the first columns of ``drives`` can explain."""
-        columns, parts = self.drives[:, :, :count], values.swapaxes(0, 1)
+        columns = self.drives[:, :, :count]
+        parts = values.swapaxes(0, 1)
         return (parts - columns @ (np.linalg.pinv(columns) @ parts)).swapaxes(0, 1)
 
 
 def _averages(log: Log, robot: Robot) -> _Motion:
     """Return averages over some windows of a log."""
-    motion, model = motion_of_log(robot, log), robot.model
+    motion = motion_of_log(robot, log)
+    model = robot.model
     angles = motion.q
     if model.nq != model.nv:
         angles = np.unwrap([angles_from_configuration(model, q) for q in motion.q], axis=0)
@@ -275,7 +278,8 @@ class _Fit(NamedTuple):
 def _each(motion: _Motion, function: Any) -> np.ndarray:
     """Return a function of configuration, velocity and acceleration in each window."""
     model = motion.robot.model
-    data, q = model.createData(), integrated(model, pin.neutral(model), motion.q)
+    data = model.createData()
+    q = integrated(model, pin.neutral(model), motion.q)
     states = zip(q, motion.v, motion.a, strict=True)
     return np.array([function(model, data, *each).copy() for each in states])
 
@@ -286,15 +290,19 @@ def _fit(motion: _Motion) -> _Fit:
     These are the ones that best explain what the description leaves, near the description and a
     usual load. Residuals are relative to the torques of the motion, less what is ``added``.
     """
-    d, tau = _each(motion, pin.rnea), motion.tau + motion.added
+    d = _each(motion, pin.rnea)
+    tau = motion.tau + motion.added
     bare = _compared(motion, tau, d)
-    Y, scale = _each(motion, pin.computeJointTorqueRegressor), _deviations(motion.robot)
+    Y = _each(motion, pin.computeJointTorqueRegressor)
+    scale = _deviations(motion.robot)
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
-    none, fit = np.zeros(len(scale)), bare
+    none = np.zeros(len(scale))
+    fit = bare
     for _ in range(2):
         noise = math.sqrt(len(tau) / _WORTH) * fit.left * rms(motion.tau, 0)
-        W, r = rows[..., :-1], rows[..., -1]
+        W = rows[..., :-1]
+        r = rows[..., -1]
         found = Information.of_rows([""] * none.size, none, W, r, noise, 1.0).refined()
         x = found.estimate
         fit = _compared(motion, tau - Y @ x, d)
@@ -360,7 +368,8 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
     for i, j in combinations(range(len(names)), 2):
         order = whole.copy()
         order[[i, j]] = j, i
-        listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
+        listed = ",".join(names[k] for k in order)
+        pair = f"{names[i]} and {names[j]}"
         yield (
             f"the columns of {pair} are swapped; --joints {listed}",
             _Motion(motion.robot, *(part[:, order] for part in motion[1:6])),

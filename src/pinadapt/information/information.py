@@ -72,7 +72,8 @@ class Information:
             prior: (p) inverse variances of what was known before.
             off: (p) what was known before, less the estimate.
         """
-        p, sizes = len(names), np.broadcast_to(noise, r.shape[1:])
+        p = len(names)
+        sizes = np.broadcast_to(noise, r.shape[1:])
         known = np.broadcast_to(np.sqrt(prior), p)
         rows = np.concatenate([(W / sizes[:, None]).reshape(r.size, p), np.diag(known)])
         return cls(tuple(names), estimate, *square(rows, np.append(r / sizes, known * off)))
@@ -136,7 +137,8 @@ class Information:
         The root of variance plus squared correction; infinite for a quantity that changes along a
         direction that was not excited.
         """
-        excited, scaled = self._singular[2], gradient / self.scale
+        excited = self._singular[2]
+        scaled = gradient / self.scale
         outside = np.linalg.norm(scaled - scaled @ excited @ excited.T, axis=1)
         variance = np.sum((gradient @ self._root) ** 2, axis=1)
         total = np.sqrt(variance + (gradient @ self.correction) ** 2)
@@ -185,7 +187,8 @@ def _torque_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return slopes (N, n, p) and residuals (N, n) of the torques of a motion at a_d (p)."""
     dynamics.load(a_d)
-    W, r = np.zeros((*tau.shape, dynamics.size)), tau.copy()
+    W = np.zeros((*tau.shape, dynamics.size))
+    r = tau.copy()
     for k, state in enumerate(zip(q, v, a, strict=True)):
         W[k] = dynamics.regressor(*state)
         r[k] -= dynamics.torque(*state)
@@ -210,7 +213,8 @@ def position_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return slopes (M, m_p, p) and residuals (M, m_p) of measured frames at an estimate (p)."""
     m = kinematics.positions
-    W, r = np.zeros((len(q), m, kinematics.size)), np.zeros((len(q), m))
+    W = np.zeros((len(q), m, kinematics.size))
+    r = np.zeros((len(q), m))
     for k, each in enumerate(x):
         kinematics.update(a_k, q[k], v[k])
         W[k], r[k] = kinematics.explaining(each[:m]), each[:m] - kinematics.p_hat
@@ -234,7 +238,8 @@ def frames(
     taken, x = measured_frames(measurements)
     times, first = np.unique(taken, return_index=True)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
-    model, m = kinematics.robot.model, kinematics.positions
+    model = kinematics.robot.model
+    m = kinematics.positions
     kept, q, v = at_times(model, t, q.reshape(-1, model.nq), times)
     return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
@@ -340,7 +345,8 @@ class Excitation(Printed):
 
     def report(self) -> Report:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
-        overview, tables = [], []
+        overview = []
+        tables = []
         for name, part in (("kinematic", self.kinematic), ("dynamic", self.dynamic)):
             if part.names:
                 overview.append((f"{name} parameters", identifiable(part)))
@@ -415,12 +421,15 @@ class TorquePrediction:
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
         """Take the numbers of a motion, with the true parameters (p) or None."""
-        excited, left, ends = torques.excited, None, (torques.first, torques.sums.at)
+        excited = torques.excited
+        left = None
+        ends = (torques.first, torques.sums.at)
         if truth is not None:
             before, after = (excited.distance(a, truth) for a in ends)
             left = after / before if before > 0.0 else None
         first, last = map(torques.sums.error, ends)
-        still, size = tuple(compress(excited.names, excited.still)), torques.sums.size
+        still = tuple(compress(excited.names, excited.still))
+        size = torques.sums.size
         shares = (error / max(size, np.finfo(float).tiny) for error in (first, last))
         return cls(size, first, last, excited.rank, left, still, *shares)
 
@@ -435,7 +444,9 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     motion = motion_of_samples(controller.kinematics.robot.model, samples)
     if not (dynamics.size and len(motion.t)):
         return None
-    first, last, tau = samples[0].state.a_d, samples[-1].state.a_d, motion.tau
+    first = samples[0].state.a_d
+    last = samples[-1].state.a_d
+    tau = motion.tau
     if motion.smoothed:  # by noise, which averages out over a block
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 

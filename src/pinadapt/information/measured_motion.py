@@ -79,7 +79,8 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
             for before, after in pairwise(samples)
         ]
     )
-    tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
+    tau = np.vstack([held, held[-1:]])
+    period = float(t[-1] - t[0]) / (len(t) - 1)
     t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
     middle = integrated(model, q[:-1], 0.5 * differences(model, q))
     a = np.diff(v, axis=0) / period
@@ -107,7 +108,8 @@ def measured_motion(
     from scipy.interpolate import make_interp_spline
     from scipy.signal import butter, sosfiltfilt
 
-    moved, steps = differences(model, q), np.diff(t)[:, None]
+    moved = differences(model, q)
+    steps = np.diff(t)[:, None]
     if v is not None:
         near = steps[:, 0] < 1.5 * period  # no sample is missing in between
         mean = 0.5 * (v[:-1] + v[1:])[near]
@@ -212,5 +214,6 @@ def bump(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     of the period.
     """
     angle = np.pi * np.clip(s / length, -0.5, 0.5)
-    height, cos = 8.0 / (3.0 * length), np.cos(angle)
+    height = 8.0 / (3.0 * length)
+    cos = np.cos(angle)
     return height * cos**4, -4.0 * height * np.pi / length * cos**3 * np.sin(angle)

@@ -132,10 +132,13 @@ def payload_estimate(
             hint='Adapt it: dynamic = "all" or "payload".',
         )
     change = prior.change(found).marginalised(prior.root)
-    whole, R, D = change.R @ change.estimate, change.R[:, -PER_BODY:], change.estimate[-PER_BODY:]
+    whole = change.R @ change.estimate
+    R = change.R[:, -PER_BODY:]
+    D = change.estimate[-PER_BODY:]
     load = Information(tuple(last), D, R, whole - R @ D).refined()
     left = whole - R @ load.estimate
-    squared, squared_without_load = float(left @ left), float(whole @ whole)
+    squared = float(left @ left)
+    squared_without_load = float(whole @ whole)
     noise = np.sqrt(max(squared / max(change.rank - load.rank, 1), 1.0))  # in parts of that
     load = replace(load, R=R / noise, c=(change.c + left) / noise)
     value, gradient = of_load(robot, load.estimate)
@@ -215,7 +218,8 @@ class ArmPrior:
             ParameterError: the description has bodies without inertia.
         """
         size = dynamics.inertial.size
-        mean, root = described_values(dynamics, robot)[:size], np.zeros((size, size + 1))
+        mean = described_values(dynamics, robot)[:size]
+        root = np.zeros((size, size + 1))
         if share:
             covariance = prior_covariance(robot, dynamics)
             if covariance is None:
@@ -248,7 +252,8 @@ class ArmPrior:
         pi = usual_load(robot)
         change = plain.change(found)
         c = change.c + change.R @ change.estimate
-        load, arm = change.R[:, -PER_BODY:] @ PhysicalSet(1, pi).local(pi)[0], change.R @ plain.root
+        load = change.R[:, -PER_BODY:] @ PhysicalSet(1, pi).local(pi)[0]
+        arm = change.R @ plain.root
 
         def deviance(share: float) -> float:
             """Return -2 log of the evidence of a share, but for a constant."""
@@ -268,7 +273,8 @@ class ArmPrior:
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
         change = self.change(found)
-        R, c = change.R, change.c + change.R @ change.estimate
+        R = change.R
+        c = change.c + change.R @ change.estimate
         _, s, Vt = np.linalg.svd(R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)
@@ -281,14 +287,16 @@ def whole_arm(controller: Controller) -> Dynamics:
     Raises:
         ParameterError: its parameters are lumped, or in a basis of the user's own.
     """
-    dynamics, robot = controller.dynamics, described_robot(controller)
+    dynamics = controller.dynamics
+    robot = described_robot(controller)
     if not dynamics.per_body:
         raise ParameterError(
             "these parameters are not those of bodies, so load and arm cannot be separated.",
             where="arm",
             hint='Adapt bodies: dynamic = "all" or "payload".',
         )
-    bodies, joints = BodyDynamics(dynamics.bare(robot), ALL), dynamics.joints
+    bodies = BodyDynamics(dynamics.bare(robot), ALL)
+    joints = dynamics.joints
     return bodies if joints is None else StackedDynamics(bodies, joints)
 
 

@@ -77,7 +77,8 @@ class FoundTracker(Printed):
 
     def report(self) -> Report:
         """Return the table."""
-        placement, a = self.tracker.placement, self.tracker.a
+        placement = self.tracker.placement
+        a = self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
@@ -103,18 +104,22 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
             clock.
     """
     own: TrackerKinematics = instance(kinematics, TrackerKinematics, "kinematics", LogError)
-    reach, a = own.robot.reach, own.initial
+    reach = own.robot.reach
+    a = own.initial
     seen = _Seen.of(own, samples)
-    x, motion = seen.x, spread(seen.p)
+    x = seen.x
+    motion = spread(seen.p)
     X, left, _ = seen.rows(a)
     y = left + X @ a  # x is linear in the parameters, so X and y do not depend on these
-    shape, lumped = (x.shape[1], -1), a.copy()
+    shape = (x.shape[1], -1)
+    lumped = a.copy()
     lumped.reshape(shape)[:, :-1] = 0.0  # of which only the sizes are known beforehand
     prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(x)
     found = Information.of_rows(own.names, lumped, X, y - X @ lumped, prior=prior)
     lumped = found.refined().estimate
     check_axes(lumped.reshape(shape)[:, :3], x, motion)
-    tracker, W = own.tracker(lumped), X.reshape(-1, a.size)
+    tracker = own.tracker(lumped)
+    W = X.reshape(-1, a.size)
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *own.columns.names)
     for _ in range(4):  # in which the noise is found
@@ -159,7 +164,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
-    a_0, known = own.standing_at(seen.x[0]), 1.0 / own.sizes**2
+    a_0 = own.standing_at(seen.x[0])
+    known = 1.0 / own.sizes**2
     a = a_0.copy()
 
     def rows() -> tuple[float, list[np.ndarray]]:
@@ -240,7 +246,8 @@ class _Seen(NamedTuple):
         Raises:
             LogError: too much is left.
         """
-        size, alike = float(np.vdot(left, left)), float(np.vdot(left[1:], left[:-1]))
+        size = float(np.vdot(left, left))
+        alike = float(np.vdot(left[1:], left[:-1]))
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
         raise LogError(

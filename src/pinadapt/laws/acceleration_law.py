@@ -84,9 +84,11 @@ class AccelerationLaw(TaskFeedback):
         """
         Jdot_v = s.Jdot_v if s.delta is None else s.Jdot_v + np.dot(turning, s.delta)
         inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
-        q, w = s.v, 0.0
+        q = s.v
+        w = 0.0
         if not inverse.unique:
-            q, w = posture.coordinates(s.q), posture.frequency
+            q = posture.coordinates(s.q)
+            w = posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, xd, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
             inverse.J, inverse.gram_inverse, s.v, q, posture.rows, w, missed, v,

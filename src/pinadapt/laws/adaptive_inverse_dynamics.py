@@ -48,7 +48,8 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
-        M_hat, Y = model.dynamics.mass_matrix(s.q), model.dynamics.regressor(s.q, s.v, s.a)
+        M_hat = model.dynamics.mass_matrix(s.q)
+        Y = model.dynamics.regressor(s.q, s.v, s.a)
         dynamic = model.acceleration_drive(M_hat, s.J, e, Y)
         return Command(torque, Drives(dynamic, kinematic))
 
@@ -87,8 +88,10 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     def _check(self) -> None:
         if self.Q is None:
             check_margin(self.K_v, self.alpha)
-            none, one = np.zeros_like(self.K_v), np.eye(self.task.size)
-            position, velocity = self.alpha * self.K_P, self.K_v - self.alpha * one
+            none = np.zeros_like(self.K_v)
+            one = np.eye(self.task.size)
+            position = self.alpha * self.K_P
+            velocity = self.K_v - self.alpha * one
             Q = 2.0 * np.block([[position, none], [none, velocity]])
             object.__setattr__(self, "Q", Q)
         object.__setattr__(self, "Q", task_gain(self.Q, self.task, "Q", copies=2))
@@ -117,15 +120,18 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (25), with the drives of both estimates, (29) and (30)."""
-        dynamics, m_p = model.dynamics, self.task.positions
+        dynamics = model.dynamics
+        m_p = self.task.positions
         v = self._commanded_acceleration(s, s.xd, self._turning, np.zeros(s.a_k.size))
         # tau = M_hat v + C_hat qd + g_hat (25)
         torque = dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29), B = (0, I)
-        z, M_hat = self.P[s.dx.size :].dot(self._xi(s)), dynamics.mass_matrix(s.q)
+        z = self.P[s.dx.size :].dot(self._xi(s))
+        M_hat = dynamics.mass_matrix(s.q)
         dynamic = model.acceleration_drive(M_hat, s.J, z, dynamics.regressor(s.q, s.v, s.a))
         # g_k = -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
-        Y_bar, residual = model.kinematics.acceleration_regressor(s.a), (s.xd_hat - s.xd)[:m_p]
+        Y_bar = model.kinematics.acceleration_regressor(s.a)
+        residual = (s.xd_hat - s.xd)[:m_p]
         kinematic = Drive(Y_bar, -z, s.Y_k[:m_p], residual, self.R_k)
         return Command(torque, Drives(dynamic, kinematic))
 
@@ -136,7 +142,8 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return -xi^T Q xi / 2 - da_k^T Y_k^T R_k Y_k da_k."""
-        xi, Y_p = self._xi(s), s.Y_k[: self.task.positions]
+        xi = self._xi(s)
+        Y_p = s.Y_k[: self.task.positions]
         prediction = Y_p @ (s.a_k - truth.a_k)
         return float(-0.5 * xi @ (self.Q @ xi) - prediction @ (self.R_k @ prediction))
 

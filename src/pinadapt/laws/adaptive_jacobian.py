@@ -86,7 +86,9 @@ class AdaptiveJacobian(TaskFeedback):
     @classmethod
     def felt(cls, motion: TypicalMotion, dt: float) -> float | np.ndarray:
         """Return the mass or inertia felt by the task rows at home, a number or (m)."""
-        robot, task, w = motion.robot, motion.kinematics.task, motion.bandwidth
+        robot = motion.robot
+        task = motion.kinematics.task
+        w = motion.bandwidth
         if not task.positions:
             return joint_inertia(robot)
         mass = felt_mass(robot)
@@ -96,7 +98,8 @@ class AdaptiveJacobian(TaskFeedback):
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
-        u, ud = empty(s.dx.size), empty(s.dx.size)
+        u = empty(s.dx.size)
+        ud = empty(s.dx.size)
         kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, _NOTHING, self.alpha, 0.0, u, ud)
         if s.delta is not None:
             ud -= self.alpha * s.delta
@@ -131,14 +134,16 @@ class AdaptiveJacobian(TaskFeedback):
 
     def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
         """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""
-        error, f = self._error(s), truth.friction.torque
+        error = self._error(s)
+        f = truth.friction.torque
         null = s.inverse.null(error)
         braking = error @ (f(s.v) - f(s.v - error))
         return float(null @ (self.posture.damping * null) + braking)
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""
-        W, W_T = motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
+        W = motion.unit_masses
+        W_T = motion.unit_masses.swapaxes(1, 2)
         one = np.eye(motion.robot.model.nv)
         D = one * (self.posture.damping if self.posture else 0.0)
         tracked = motion.right_inverses @ motion.jacobians

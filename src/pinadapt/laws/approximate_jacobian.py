@@ -81,9 +81,11 @@ class Saturation:
 
     def rate(self, dx: np.ndarray, dxd: np.ndarray) -> np.ndarray:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
-        u, squares = self._sizes(dx), self._together @ (dx * dx)
+        u = self._sizes(dx)
+        squares = self._together @ (dx * dx)
         radial = self._together @ (dx * dxd) / np.maximum(squares, np.finfo(float).tiny) * dx
-        slope, ratio = 1.0 - np.tanh(u) ** 2, _ratio(u)
+        slope = 1.0 - np.tanh(u) ** 2
+        ratio = _ratio(u)
         return ratio * dxd + (slope - ratio) * radial
 
     def potential(self, dx: np.ndarray) -> np.ndarray:
@@ -207,7 +209,8 @@ class ApproximateJacobian(Law):
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
-        stiffness, task = w * w * AdaptiveJacobian.felt(motion, dt), motion.kinematics.task
+        stiffness = w * w * AdaptiveJacobian.felt(motion, dt)
+        task = motion.kinematics.task
         width = np.full(task.size, _TURN)
         width[: task.positions] = _WIDTH * motion.robot.reach
         return {
@@ -222,7 +225,8 @@ class ApproximateJacobian(Law):
         sizes = s.dx.dot(s.dx) + s.xd_d.dot(s.xd_d) + s.xdd_d.dot(s.xdd_d)
         if not math.isfinite(sizes):  # a bounded torque would not show it, nor use xd_d and xdd_d
             raise DivergedError("the error of the task, or the desired motion, is not finite.")
-        rest, F = np.zeros(s.v.size), self._proportional(s)
+        rest = np.zeros(s.v.size)
+        F = self._proportional(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
         torque = model.dynamics.torque(s.q, rest, rest) - F - self.brake(s.v)
         # Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx)
@@ -247,7 +251,8 @@ class ApproximateJacobian(Law):
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, with the true task velocity where ``Signals.xd`` is measured."""
         dxd = s.xd - s.xd_d if s.delta is None else s.xd - s.xd_d + s.delta
-        force, F = self.K_P @ self.saturation.of(s.dx), self._proportional(s)
+        force = self.K_P @ self.saturation.of(s.dx)
+        F = self._proportional(s)
         self.kinematics.update(s.a_k, s.q, s.v)
         turning = self.kinematics.jacobian_rate(np.zeros(s.a_k.size)).T @ force
         stretching = s.J.T @ (self.K_P @ self.saturation.rate(s.dx, dxd))
@@ -258,7 +263,8 @@ class ApproximateJacobian(Law):
 
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
         """Return Phi = M_hat^-1/2 Z (N, n, p_d) at each state."""
-        rest, regressor = np.zeros(motion.robot.model.nv), motion.dynamics.regressor
+        rest = np.zeros(motion.robot.model.nv)
+        regressor = motion.dynamics.regressor
         return motion.unit_masses @ np.array([regressor(q, rest, rest) for q in motion.states.q])
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
@@ -400,7 +406,8 @@ class BoundedTorque(ApproximateJacobian):
         width = Saturation(kinematics.task, gains["width"]).width
         spring = _spring(kinematics, task_gain(gains["K_P"], kinematics.task, "Kp"), width)
         asked = _worst_gravity(motion.robot)
-        bound, gravity = gains["bound"], gains["gravity"]
+        bound = gains["bound"]
+        gravity = gains["gravity"]
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
@@ -413,7 +420,8 @@ class BoundedTorque(ApproximateJacobian):
             room = 0.5 * (bound - gravity)
             part = room / np.maximum(spring, room)
             narrower = (part.min() if kinematics.positions else part) ** (1.0 / 3.0)
-            K_P, slower = narrower**2 * gains["K_P"], float(np.min(narrower))
+            K_P = narrower**2 * gains["K_P"]
+            slower = float(np.min(narrower))
             gains |= {"K_P": K_P, "width": narrower * width, "bandwidth_share": slower}
             gains["K_v"] = _joint_damping(motion, K_P, slower * w)
         return cls(kinematics, **gains)
@@ -444,7 +452,9 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
     Raises:
         GainError: nothing bounds the Jacobian.
     """
-    force, p, robot = np.diag(K_P) * width, kinematics.positions, kinematics.robot
+    force = np.diag(K_P) * width
+    p = kinematics.positions
+    robot = kinematics.robot
     if not p:
         return force
     linear, angular = jacobian_bounds(robot.model, robot.frame_id)
@@ -461,7 +471,9 @@ def _worst_gravity(robot: Robot) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
     load = assumed_load(robot)
     loaded = robot.changed(inertial_scale=1.3, payload=load)
-    model, data, neutral = loaded.model, loaded.model.createData(), pin.neutral(loaded.model)
+    model = loaded.model
+    data = loaded.model.createData()
+    neutral = pin.neutral(loaded.model)
     low, high = position_bounds(model)
     moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]

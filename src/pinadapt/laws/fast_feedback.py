@@ -109,7 +109,8 @@ class FastFeedback(Law):
             )
         if self.gain is not None:
             return joint_numbers(self.gain, "gain", robot.model.nv, error=GainError)
-        B, K = np.array(robot.model.armature), actuators.of(robot).stiffness
+        B = np.array(robot.model.armature)
+        K = actuators.of(robot).stiffness
         if not (B > 0.0).all():
             raise RobotError(
                 f"motors need inertia, got the armature {B.tolist()} kg m^2.",

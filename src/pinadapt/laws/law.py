@@ -355,7 +355,8 @@ def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np
         GainError: not positive definite, of another size, or on the rotations of a pose no multiple
             of the identity.
     """
-    gain, m = definite_matrix(value, copies * task.size, name), task.size
+    gain = definite_matrix(value, copies * task.size, name)
+    m = task.size
     blocks = gain.reshape(copies, m, copies, m).swapaxes(1, 2).reshape(-1, m, m)
     for rows in (group.rows for group in task.groups if group.name == "rotation"):
         for block in blocks / np.abs(gain).max():

@@ -80,7 +80,8 @@ class MiddletonGoodwin(AccelerationLaw):
         torque = model.dynamics.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
         if s.filtered_torque is None:
             return Command(torque, drives)
-        W, lambda_ = s.filtered_torque.W, s.filtered_torque.bandwidth
+        W = s.filtered_torque.W
+        lambda_ = s.filtered_torque.bandwidth
         epsilon = s.filtered_torque.error(s.a_d)  # W a_d - y
         predicting = drives.dynamic.with_prediction_error(W, epsilon)
         if model.dt:  # the mean over the period
@@ -110,7 +111,9 @@ def _mass_rate_times(
 
     M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a plus a part that does not depend on a.
     """
-    rest, chain, dynamics = np.zeros(s.v.size), model.kinematics.robot.model, model.dynamics
+    rest = np.zeros(s.v.size)
+    chain = model.kinematics.robot.model
+    dynamics = model.dynamics
     of_estimate = dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)
     h = _STEP / max(float(np.abs(s.v).max()), _STEP)
     ahead, behind = (

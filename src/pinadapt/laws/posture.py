@@ -42,7 +42,8 @@ class Posture:
         instance(robot, Robot, "robot")
         self.frequency = positive(frequency, "posture frequency")
         resting = robot if rest is None else robot.at(vector(rest, robot.model.nv, "rest"))
-        self._model, self._q_rest = robot.model.copy(), resting.q0
+        self._model = robot.model.copy()
+        self._q_rest = resting.q0
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
         self.plain = self._q_rest.size == self.damping.size
@@ -89,8 +90,10 @@ class Posture:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
         if s.inverse.unique:
             return None, None
-        v, w = s.v, self.frequency
-        psi, psid = empty(v.size), empty(v.size)
+        v = s.v
+        w = self.frequency
+        psi = empty(v.size)
+        psid = empty(v.size)
         kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
         return psi, psid
 

@@ -238,8 +238,11 @@ class Separation(Law):
 
         In the rows of an orientation its error, measured or observed, stands for x_o - x_d.
         """
-        u, ud = empty(s.dx.size), empty(s.dx.size)
-        dx, xd, delta = s.dx, s.xd_hat, s.delta
+        u = empty(s.dx.size)
+        ud = empty(s.dx.size)
+        dx = s.dx
+        xd = s.xd_hat
+        delta = s.delta
         if self.lever:
             dx, xd, delta = _turning(s, self.beta)
         kernels.reference(s.xd_d, dx, s.xdd_d, xd, s.filtered.dx_o, self.alpha, self.beta, u, ud)
@@ -272,13 +275,15 @@ class Separation(Law):
         v = s.v
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
-            v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
+            v = v - noise
+            qdd_r = qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         qd = s.v + self.lead * qdd_r if self.lead else s.v  # the measured one is late by the lead
         error = qd - qd_r
         if self.lag:
-            M_hat, torque = model.dynamics.mass_matrix(s.q), empty(error.size)
+            M_hat = model.dynamics.mass_matrix(s.q)
+            torque = empty(error.size)
             kernels.subtract_limited_damping(
                 feedforward, self.K_v, M_hat, 1.0 / self.lag, error, torque
             )
@@ -292,18 +297,24 @@ class Separation(Law):
 
         The rotation rows of Y_k count times the lever, and only where there is one.
         """
-        dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
+        dx_o = s.filtered.dx_o
+        epsilon = s.epsilon
+        X_k = s.X_k
         m, p = X_k.shape
-        error, g_k = empty(m), empty(p)
+        error = empty(m)
+        g_k = empty(p)
         kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
         if self.lever:
             turning = self.lever * self.c * self.lever * s.filtered.eta
-            error, g_k, m = np.append(error, turning), g_k + turning @ s.Y_k[m:], len(s.Y_k)
+            error = np.append(error, turning)
+            g_k = g_k + turning @ s.Y_k[m:]
+            m = len(s.Y_k)
         return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V without the parts of the parameters; M is the true mass matrix."""
-        error, d = self._reference_error(s), s.filtered.disturbance
+        error = self._reference_error(s)
+        d = s.filtered.disturbance
         V = 0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s)
         if self.lambda_d.any():
             V += 0.25 * d @ (d / (self.lambda_d * np.diag(self.K_v)))
@@ -311,12 +322,15 @@ class Separation(Law):
 
     def _observation(self, s: Signals) -> float:
         """Return c (dx_o^T dx_o + lever^2 eta^T eta)."""
-        dx_o, eta = s.filtered.dx_o, s.filtered.eta
+        dx_o = s.filtered.dx_o
+        eta = s.filtered.eta
         return float(self.c * (dx_o @ dx_o + self.lever**2 * eta @ eta))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        error, epsilon, d = self._reference_error(s), s.epsilon, s.filtered.disturbance
+        error = self._reference_error(s)
+        epsilon = s.epsilon
+        d = s.filtered.disturbance
         f = truth.friction.torque
         joints = (
             error @ (self.K_D(s.q, s.a_d) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
@@ -334,7 +348,9 @@ class Separation(Law):
 
         The null space follows its reference motion, which feels nothing of it.
         """
-        M, W, W_T = motion.mass_matrices, motion.unit_masses, motion.unit_masses.swapaxes(1, 2)
+        M = motion.mass_matrices
+        W = motion.unit_masses
+        W_T = motion.unit_masses.swapaxes(1, 2)
         D = W @ self._limited(M) @ W_T
         tracked = W @ M @ motion.right_inverses @ motion.jacobians @ W_T
         null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
@@ -370,7 +386,8 @@ def _loaded_inertia(robot: Robot) -> np.ndarray:
 
     Several frames share the load.
     """
-    load, frames = assumed_load(robot), robot.frames
+    load = assumed_load(robot)
+    frames = robot.frames
     moment = np.divide(load.inertia, len(frames))
     share = Payload(load.mass / len(frames), load.com, moment)
     return joint_inertia(robot.changed(payload=dict.fromkeys(frames, share)))

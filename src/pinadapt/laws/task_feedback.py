@@ -69,7 +69,9 @@ class TaskFeedback(Law):
         g_k = -Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) + W_k^T R_k (W_k a_k - y), (19) of Wang
         and Xie (2009), with zero for its last alpha where ``alpha`` is zero.
         """
-        W_k, y, m = s.filtered.W_k, s.filtered.y, s.dx.size
+        W_k = s.filtered.W_k
+        y = s.filtered.y
+        m = s.dx.size
         e, error, residual, g_k = empty(m), empty(m), empty(y.size), empty(s.a_k.size)
         kernels.kinematic_drive(
             self.K_PV, s.dx, alpha, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,

@@ -50,7 +50,8 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
             parts += [f"{rotation}.{axis}" for axis in "xyzw" if rotation]
             of = attrgetter(*parts)
             found = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
-            x, x_time = found[:, 1:], found[:, 0] - t[0]
+            x = found[:, 1:]
+            x_time = found[:, 0] - t[0]
     return Log(
         t - t[0],
         q,

@@ -96,7 +96,8 @@ class _Columns:
         """Return a signal of the joints (N, n), None where there is none."""
         if (whole := self._whole(signal, 2)) is not None:
             return whole
-        labels, joints = self._labels(signal), [name.lower() for name in self.joints]
+        labels = self._labels(signal)
+        joints = [name.lower() for name in self.joints]
         if signal == "q":  # a column may be called after its joint alone
             labels = {name: name for name in joints if name in self._known} | labels
         names = list(labels)

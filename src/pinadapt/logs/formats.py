@@ -47,7 +47,8 @@ def log_of_rollout(rollout: Rollout) -> Log:
     sample to the next. An x that follows from q is left out.
     """
     since = max((at for at, what in rollout.marks if what != "announced"), default=-math.inf)
-    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
+    evaluation = rollout.evaluation
+    framed = rollout.task.positions > 0
     log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
     if evaluation is None or not evaluation.samples:
         return replace(log, x=rollout.x if framed else None).after(since)

@@ -164,8 +164,11 @@ class ImportOptions:
                 with more numbers than there are joints.
         """
         log = self._in_order_of(robot, log)
-        names, n, signs = robot.joint_names, robot.model.nv, self._signs(robot.joint_names)
-        G, K = _matrix(self.gear, names, "gear"), _matrix(self.torque_gain, names, "torque_gain")
+        names = robot.joint_names
+        n = robot.model.nv
+        signs = self._signs(robot.joint_names)
+        G = _matrix(self.gear, names, "gear")
+        K = _matrix(self.torque_gain, names, "torque_gain")
         if np.linalg.matrix_rank(G) < n:
             raise LogError(
                 "these gears cannot be inverted: some joint would not move.",
@@ -223,7 +226,8 @@ class ImportOptions:
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return what is stated as TOML, below comments."""
-        stated, default = {}, vars(ImportOptions())
+        stated = {}
+        default = vars(ImportOptions())
         for name, value in vars(self).items():
             if not np.array_equal(value, default[name]):
                 plain = isinstance(value, np.ndarray | tuple)

@@ -108,7 +108,8 @@ class Log:
         Raises:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
-        names, log = robot.joint_names, self
+        names = robot.joint_names
+        log = self
         if self.joints and list(self.joints) != names:
             log = self.ordered(joint_order(self.joints, names, self.source))
             log = replace(log, joints=tuple(names))

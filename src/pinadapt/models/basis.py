@@ -137,7 +137,8 @@ def lumped_base(
     model = robot.model
     rng = np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
-    chains, columns = list[Regressor](), list[int]()
+    chains = list[Regressor]()
+    columns = list[int]()
     base = np.zeros((len(states) * model.nv, 0))
     size = sum(part.size for part in translations)
     without_news = 0
@@ -192,7 +193,9 @@ class LumpedDynamics(FittedDynamics):
         self._model = VirtualChains(chains, columns, self._armature)
         names = [f"{joint}.{label}" for joint in robot.joint_names for label in LABELS]
         self.names = tuple(f"{names[c % len(names)]}#{1 + c // len(names)}" for c in columns)
-        self.bodies, self.size, self.initial = range(robot.model.nv), len(initial), initial
+        self.bodies = range(robot.model.nv)
+        self.size = len(initial)
+        self.initial = initial
         self.load(initial)
 
 

@@ -131,7 +131,8 @@ class DelayCompensator:
                 return None, np.zeros(0), np.zeros((0, 0)), None, ()
             error = kinematics.p_hat - x[: kinematics.positions]
             return x, error, kinematics.explaining(x), None, ()
-        frame, history = before.frame, before.history
+        frame = before.frame
+        history = before.history
         if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
             frame = self._frame(t_before, before.q, before.x, kinematics, None)
@@ -144,7 +145,8 @@ class DelayCompensator:
             frame = self._frame(taken, q_c, x, kinematics, frame)
         elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
-        X_a, smooth = frame.X_k.dot(kinematics.a_k), frame.X_smooth.dot(kinematics.a_k)
+        X_a = frame.X_k.dot(kinematics.a_k)
+        smooth = frame.X_smooth.dot(kinematics.a_k)
         x = kinematics.task.carried(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
         return x, X_a + frame.b, frame.X_k, frame, history
 

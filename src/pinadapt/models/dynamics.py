@@ -68,7 +68,8 @@ class Dynamics:
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())  # not where they are those of the joints' block
         self._pi = inertial_parameters(robot.model)
-        self.B, self._known = B, known
+        self.B = B
+        self._known = known
         self.size = self._pi.size if B is None else B.shape[1]
 
     @cached_property
@@ -137,9 +138,11 @@ class Dynamics:
         estimate. See ``Regressor`` for the source.
         """
         Y_M, Y_0 = self._model.momentum(q, v)
-        p_0, tau_0 = self._armature * v if self._rotors else np.zeros(v.size), np.zeros(v.size)
+        p_0 = self._armature * v if self._rotors else np.zeros(v.size)
+        tau_0 = np.zeros(v.size)
         if self._known is not None:
-            p_0, tau_0 = p_0 + Y_M.dot(self._known), Y_0.dot(self._known)
+            p_0 = p_0 + Y_M.dot(self._known)
+            tau_0 = Y_0.dot(self._known)
         return Momentum(self._reduce(Y_M), self._reduce(Y_0), p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
@@ -211,7 +214,8 @@ class Dynamics:
             The estimate plus the difference of the two robots' parameters, which is exact because
             the parameters are affine in the inertias. None if they cannot express the load.
         """
-        old, new = self.value(before), self.value(after)
+        old = self.value(before)
+        new = self.value(after)
         return None if old is None or new is None else a_d + (new - old)
 
 
@@ -228,13 +232,15 @@ class StackedDynamics(Dynamics):
 
     def __init__(self, inertial: Dynamics, joints: JointEffects) -> None:
         """Stack the two blocks, made for the same chain."""
-        self.inertial, self.joints = inertial, joints
+        self.inertial = inertial
+        self.joints = joints
         self.names = (*inertial.names, *joints.names)
         self.units = (*inertial.units, *joints.units)
         self.size = inertial.size + joints.size
         self.initial = np.concatenate([inertial.initial, joints.initial])
         self.typical = np.concatenate([inertial.typical, joints.typical])
-        self.bodies, self.per_body = inertial.bodies, inertial.per_body
+        self.bodies = inertial.bodies
+        self.per_body = inertial.per_body
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
         self._shafts = joints.tables[-1]
@@ -288,14 +294,17 @@ class StackedDynamics(Dynamics):
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
         Y_M, Y_0, p_0, tau_0 = self.inertial.momentum(q, v)
-        joints, known, zero = self.joints, self.joints.known, self.joints.zero
+        joints = self.joints
+        known = self.joints.known
+        zero = self.joints.zero
         Y_M, p_0 = joints.added(known, q, zero, v, 0.0, Y_M, p_0)
         Y_0, tau_0 = joints.added(known, q, v, zero, 1.0, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""
-        inertial, joints = self.inertial.value(self.bare(robot)), self.joints.value(robot)
+        inertial = self.inertial.value(self.bare(robot))
+        joints = self.joints.value(robot)
         return None if inertial is None or joints is None else np.concatenate([inertial, joints])
 
     def robot(self, a_d: np.ndarray, nominal: Robot) -> Robot:

@@ -89,14 +89,18 @@ class Excited:
 
     def __init__(self, names: tuple[str, ...], squares: np.ndarray, root: np.ndarray) -> None:
         """Take the names of the parameters, A^T A, and L."""
-        self.names, self.squares, self.root = names, squares, root
+        self.names = names
+        self.squares = squares
+        self.root = root
         values, vectors = np.linalg.eigh(root.T @ squares @ root)
         self.effects = np.sqrt(np.maximum(values[::-1], 0.0))
         self._vectors = vectors = vectors[:, ::-1]
         self.rank = rank = int(np.count_nonzero(self.effects > IDENTIFIABLE))
         every = np.linalg.solve(root.T, vectors).T
-        self.combinations, self.rows = every[:rank], self.effects[:, None] * every
-        variances, rest = np.sum(root**2, axis=1), root @ vectors[:, rank:]
+        self.combinations = every[:rank]
+        self.rows = self.effects[:, None] * every
+        variances = np.sum(root**2, axis=1)
+        rest = root @ vectors[:, rank:]
         self.still = variances * np.diag(squares) < IDENTIFIABLE**2
         self.alone = np.sum(rest**2, axis=1) < 0.25 * variances
 

@@ -91,7 +91,8 @@ class JointEffects:
         Raises:
             InputError: as ``chosen_kinds``, or a joint that does not exist.
         """
-        friction, self._n = robot.friction, robot.model.nv
+        friction = robot.friction
+        self._n = robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
@@ -142,7 +143,9 @@ class JointEffects:
             Y_b: (n, p_b) regressor of the bodies.
             tau_b: (n) torque of the bodies.
         """
-        Y, tau, load = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n), self.zero
+        Y = empty((self._n, Y_b.shape[1] + self.size))
+        tau = empty(self._n)
+        load = self.zero
         if self._bodies is not None:  # something depends on what the gears carry
             load = np.abs(self._bodies.torque(q, self.zero, self.zero))
         kernels.add_joint_effects(values, *self.tables, v, a, load, one, Y_b, tau_b, Y, tau)
@@ -230,7 +233,9 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
     is the root mean square over seeded states around home, but at least that of the joints further
     out, since motors do not become larger towards the tip.
     """
-    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    model = robot.model
+    data = robot.model.createData()
+    rng = np.random.default_rng(0)
     torques = []
     for _ in range(100):
         q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))

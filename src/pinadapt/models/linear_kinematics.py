@@ -93,7 +93,8 @@ class Columns(NamedTuple):
 
 def stacked(parts: Iterable[Columns]) -> Columns:
     """Return the columns of some placements, one placement after the other."""
-    no, none = np.zeros(0, dtype=np.int64), np.zeros(0)
+    no = np.zeros(0, dtype=np.int64)
+    none = np.zeros(0)
     empty_one = Columns((), no, np.zeros((6, 0)), none, none, np.zeros((2, 0)))
     names, *arrays = zip(empty_one, *parts, strict=True)
     return Columns(sum(names, ()), *(np.concatenate(each, axis=-1) for each in arrays))
@@ -106,7 +107,8 @@ def translated(robot: Robot, translations: Sequence[Translation]) -> Iterator[Co
     within half the reach, those of the base within ten times. Each of several frames has a tool.
     """
     for k, frame in enumerate(robot.frames):
-        own, prefix = robot.of_frame(frame), f"{frame}." if robot.task.frames else ""
+        own = robot.of_frame(frame)
+        prefix = f"{frame}." if robot.task.frames else ""
         values = placed_values(own.model, own.frame_id, translations)
         for part, value in zip(translations, values, strict=True):
             names = tuple(prefix + label for label in part.labels)
@@ -172,9 +174,11 @@ class _ObservedChain:
         entries: np.ndarray,
     ) -> None:
         """Use a nominal model, its frames, its columns, and a map as the kernel takes it."""
-        self._model, self.frames = model.copy(), frames
+        self._model = model.copy()
+        self.frames = frames
         self._data = data = self._model.createData()
-        ends, f = [model.frames[frame] for frame in frames], len(frames)
+        ends = [model.frames[frame] for frame in frames]
+        f = len(frames)
         places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
@@ -196,7 +200,9 @@ class _ObservedChain:
         self._of_sensor = constants, entries, empty((4, 3))
         self.motion = np.zeros((2, width, n + 1))
         self.maps = constants.copy()
-        self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
+        self.G = empty((rows, width))
+        self.Jdot = empty((rows, n))
+        one = 3 * self.columns.shape[1]
         self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
 
@@ -206,7 +212,8 @@ class _ObservedChain:
             pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         except ValueError as error:
             raise wrong_sizes(self._model, q, v) from error
-        m, shape = len(self.G), (len(self.G), a.size)
+        m = len(self.G)
+        shape = (len(self.G), a.size)
         found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
         kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
         return found
@@ -255,7 +262,9 @@ class LinearKinematics(TaskKinematics):
         if a_k.size != self.size:
             raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
         y, self.J, self.xd_hat, self.Jdot_v, X, self.Y_k = self._now.update(a_k, q, v)
-        self.a_k, self._v, self._y = a_k, v, y
+        self.a_k = a_k
+        self._v = v
+        self._y = y
         m = self.positions
         self.p_hat, self.X_k = (y[:m], X[:m]) if self._of_pose else (y, X)
 
@@ -339,13 +348,15 @@ class LinearKinematics(TaskKinematics):
         """
         m = self.positions
         found = self._described(robot)
-        rows, off = [], []
+        rows = []
+        off = []
         for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(found, q, self._still)
             x = robot.position(q)
             rows.append(self.explaining(x) * self.sizes)
             off.append(self.task.error(x, self.x_hat))
-        W, left = np.concatenate(rows), np.array(off)
+        W = np.concatenate(rows)
+        left = np.array(off)
         if not self.calibrated:
             left = left[:, :m]
         if np.abs(left).max() >= ROUNDING:
@@ -413,12 +424,17 @@ class FrameKinematics(LinearKinematics):
             )
         self._take(robot, task, unknown)
         own = unknown_translations(robot, [TOOL] if whole else unknown)
-        f, m = len(robot.frames), self.positions
+        f = len(robot.frames)
+        m = self.positions
         self.translations = own * f
         columns = columns_of_geometry(robot) if whole else stacked(translated(robot, own))
-        self.names, self.size = columns.names, len(columns.names)
-        self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        frames, rows = np.repeat(range(f), m // f), np.tile(np.arange(3)[self.task.place], f)
+        self.names = columns.names
+        self.size = len(columns.names)
+        self.initial = columns.initial
+        self.sizes = columns.sizes
+        self.bounds = columns.bounds
+        frames = np.repeat(range(f), m // f)
+        rows = np.tile(np.arange(3)[self.task.place], f)
         moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column
         i, j = np.nonzero(frames[:, None] == moved)
         at = 3 * (f + j) + rows[i]

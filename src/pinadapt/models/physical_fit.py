@@ -138,7 +138,8 @@ def around(
     Bodies without the margins of ``nearest_physical`` are replaced, and coefficients that are not
     positive, by a thousandth of the typical ones.
     """
-    size, typical = dynamics.inertial.size, dynamics.typical
+    size = dynamics.inertial.size
+    typical = dynamics.typical
     first = a.size - (0 if dynamics.joints is None else dynamics.joints.signed)
     inertial = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
@@ -162,7 +163,8 @@ def physical_fit(
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
     R, z = square(A, b)
-    a, weight = near, gamma
+    a = near
+    weight = gamma
     if a is None:
         a = physical.center
         weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
@@ -247,4 +249,5 @@ def _newton(
             share *= 0.5
         else:
             return a  # rounding prevents further progress
-        a, value = a + share * step, after
+        a = a + share * step
+        value = after

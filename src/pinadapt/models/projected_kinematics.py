@@ -41,13 +41,15 @@ class ProjectedKinematics(LinearKinematics):
         self.nominal = columns.initial
         self._camera = np.array(camera, dtype=int)
         of = [f"{name}_{axis}" for name in ("base", *columns.names) for axis in "xyz"]
-        deep, rows = ["depth", "depth_2"][: len(set(camera))], self.task.labels[: self.positions]
+        deep = ["depth", "depth_2"][: len(set(camera))]
+        rows = self.task.labels[: self.positions]
         self.names = (
             *(f"{row}({name})" for row in rows for name in (*of, "home")),
             *(f"{row}({name})" for row in deep for name in of),
         )
         self.size = len(self.names)
-        self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
+        self._shape = (self.positions, len(of) + 1)
+        self._below = (len(deep), len(of))
         self._split = self.positions * self._shape[1]
         small = np.repeat([1.0, OFF * robot.reach], [3, len(of) - 2])
         self.sizes = np.tile(small, self.positions)

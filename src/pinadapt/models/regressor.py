@@ -53,7 +53,8 @@ class Regressor:
         self._model, self._weightless, self._ballast = (model.copy() for _ in range(3))
         self._weightless.gravity.linear = np.zeros(3)
         self._data, n = model.createData(), model.nv  # scratch for both
-        self._ballast_data, self._ballast.armature = model.createData(), np.zeros(n)
+        self._ballast_data = model.createData()
+        self._ballast.armature = np.zeros(n)
         self._inertias = self._model.inertias
         self._inertial = np.zeros(PER_BODY * (model.njoints - 1))
         self._bodies = list(enumerate(self._inertial.reshape(-1, PER_BODY), 1))  # views
@@ -63,7 +64,8 @@ class Regressor:
         self._zero = np.zeros(n)
         self._many = n > 1
         self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
-        oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
+        oMi = list(self._data.oMi)[1:]
+        v = list(self._data.v)[1:]
         bodies, columns = np.nonzero(moves(model)[1:])
         self._chain = (
             live_array([placement.rotation for placement in oMi]),
@@ -97,7 +99,8 @@ class Regressor:
         """Return what an algorithm of Pinocchio gives for the loaded parameters."""
         if self._c is None:
             self._c = kernels.take(self._pi, self._inertial)
-            inertias, from_pi = self._inertias, pin.Inertia.FromDynamicParameters
+            inertias = self._inertias
+            from_pi = pin.Inertia.FromDynamicParameters
             for joint, pi in self._bodies:
                 inertias[joint] = from_pi(pi)
         try:
@@ -142,7 +145,8 @@ class Regressor:
             pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         except ValueError as error:
             raise wrong_sizes(self._model, q, v) from error
-        Y_M, Y_0 = empty(self._shape), empty(self._shape)
+        Y_M = empty(self._shape)
+        Y_0 = empty(self._shape)
         kernels.momentum_columns(*self._chain, Y_M, Y_0)
         return Y_M, Y_0
 
@@ -157,7 +161,9 @@ class VirtualChains:
 
         The columns (p) are those of the chains' regressors side by side.
         """
-        self._chains, self._columns, self._armature = chains, columns, armature
+        self._chains = chains
+        self._columns = columns
+        self._armature = armature
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
@@ -215,7 +221,9 @@ def inertial_parameters(model: pin.Model) -> np.ndarray:
 
 def random_states(model: pin.Model, count: int) -> list[State]:
     """Return seeded states (q, v, a), up to 2 rad or m from the neutral configuration."""
-    rng, n, neutral = np.random.default_rng(0), model.nv, pin.neutral(model)
+    rng = np.random.default_rng(0)
+    n = model.nv
+    neutral = pin.neutral(model)
     return [
         (pin.integrate(model, neutral, rng.uniform(-2.0, 2.0, n)), *rng.standard_normal((2, n)))
         for _ in range(count)

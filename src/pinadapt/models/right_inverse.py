@@ -72,7 +72,9 @@ class RightInverse:
             if len(A):
                 self._levels = np.concatenate([self._levels + 1.0, self._rows])
         m, n = J.shape
-        self.J, self.damping, self.gram_inverse = J, empty(m), empty((m, m))
+        self.J = J
+        self.damping = empty(m)
+        self.gram_inverse = empty((m, m))
         self.conditioning, lost = kernels.invert_gram(
             J, threshold, self._levels, self.damping, self.gram_inverse
         )
@@ -95,7 +97,8 @@ class RightInverse:
 
     def moving(self, rows: np.ndarray, rate: np.ndarray) -> None:
         """Let A r be ``rows`` (k) in place of zero, and change at ``rate`` (k): feet in the air."""
-        self._rows, self._rows_rate = rows, rate
+        self._rows = rows
+        self._rows_rate = rate
 
     def solve_with_rate(
         self,
@@ -111,7 +114,8 @@ class RightInverse:
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
         if self._A_rate is not None:
-            u, ud = np.concatenate([u, self._rows]), np.concatenate([ud, self._rows_rate])
+            u = np.concatenate([u, self._rows])
+            ud = np.concatenate([ud, self._rows_rate])
             Jdot = np.concatenate([Jdot, self._A_rate])
         if psi is None or psid is None:
             psi = psid = np.zeros(self.J.shape[1])
@@ -143,7 +147,8 @@ class RightInverse:
                 still = np.zeros(self.size)
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
                 short, short_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
-                r, rate = r - null + short, rate - null_rate + short_rate
+                r = r - null + short
+                rate = rate - null_rate + short_rate
         return bound_smoothly(speeds, *_WHOLE, r, rate)
 
     def null(self, z: np.ndarray) -> np.ndarray:
@@ -162,11 +167,15 @@ class RightInverse:
         """
         if not self._damped:
             return self.damping
-        rate, total, above = np.zeros(len(self.J)), 0.0, 0.0
-        gram, gram_rate = self.J @ self.J.T, Jdot @ self.J.T
+        rate = np.zeros(len(self.J))
+        total = 0.0
+        above = 0.0
+        gram = self.J @ self.J.T
+        gram_rate = Jdot @ self.J.T
         gram_rate += gram_rate.T
         for level in np.unique(self._levels):
-            before, own = self._levels < level, self._levels == level
+            before = self._levels < level
+            own = self._levels == level
             mu_2 = self.damping[own][0]
             if mu_2 > above:
                 E = np.eye(len(self.J))[:, own]

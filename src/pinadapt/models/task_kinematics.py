@@ -80,9 +80,12 @@ class TaskKinematics(ABC):
 
     def _take(self, robot: Robot, task: Any, unknown: Words) -> None:
         """Take a nominal robot, its task, and the words that choose the unknown parameters."""
-        self.robot, self.task, self.unknown = robot.undrawn(), task, unknown
+        self.robot = robot.undrawn()
+        self.task = task
+        self.unknown = unknown
         self.joint_names = robot.joint_names
-        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self.nq = int(robot.model.nq)
+        self.nv = int(robot.model.nv)
         self.positions = task.positions
         self._still = np.zeros(self.nv)
 
@@ -178,8 +181,10 @@ class TaskKinematics(ABC):
         self._take(robot, task, unknown)
         self._data = robot.model.createData()
         self.initial = self.a_k = self.p_hat = self.sizes = np.zeros(0)
-        self.X_k, self.bounds = np.zeros((0, 0)), np.zeros((2, 0))
-        self.Jdot_v, self.Y_k = np.zeros(task.size), np.zeros((task.size, 0))
+        self.X_k = np.zeros((0, 0))
+        self.bounds = np.zeros((2, 0))
+        self.Jdot_v = np.zeros(task.size)
+        self.Y_k = np.zeros((task.size, 0))
 
 
 class ComKinematics(TaskKinematics):
@@ -229,7 +234,8 @@ class JointKinematics(TaskKinematics):
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
         if q.size != self.nq or v.size != self.nv:
             raise wrong_sizes(self.robot.model, q, v)
-        self._x, self.xd_hat = self.task.of(q), v[self._dofs]
+        self._x = self.task.of(q)
+        self.xd_hat = v[self._dofs]
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the inverse of I, or that under the constraints."""

@@ -52,7 +52,8 @@ class TrackerKinematics(ProjectedKinematics):
             ParameterError, RobotError: as ``unknown_translations``.
         """
         self._project(robot, unknown, ())
-        k, self._rows = self.nominal.size, self.task.place
+        k = self.nominal.size
+        self._rows = self.task.place
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
         wide = np.repeat([BOUND, BOUND * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
@@ -80,7 +81,8 @@ class TrackerKinematics(ProjectedKinematics):
         m = self.positions
         blocks = np.zeros((len(self.nominal) + 1, 3, 3))
         blocks[:, self._rows] = Theta[:, :-1].reshape(m, -1, 3).swapaxes(0, 1)
-        R, t = nearest_rotation(blocks[0]), np.zeros(3)
+        R = nearest_rotation(blocks[0])
+        t = np.zeros(3)
         a = np.tensordot(blocks[1:], R) / m
         t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R[self._rows]).dot(self._home)
         return Tracker(pin.SE3(R, t), a + self.nominal)

@@ -110,7 +110,8 @@ def placement_of(model: pin.Model, frame: int, joint: int | None) -> pin.SE3:
 
 def _all_lengths(robot: Robot) -> list[str]:
     """Return "name:length" for every nonzero translation after the first joint."""
-    names, joints = [*robot.joint_names[1:], TOOL], [*range(2, robot.model.njoints), None]
+    names = [*robot.joint_names[1:], TOOL]
+    joints = [*range(2, robot.model.njoints), None]
     return [
         f"{name}:length"
         for name, joint in zip(names, joints, strict=True)

@@ -65,11 +65,13 @@ class TypicalMotion:
         self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
         self.robot = robot.undrawn()
         self.bandwidth = bandwidth
-        self.kinematics, self.dynamics = kinematics, dynamics
+        self.kinematics = kinematics
+        self.dynamics = dynamics
 
         model = robot.model
         rng = np.random.default_rng(0)
-        p, m = kinematics.task.lengths, kinematics.task.size
+        p = kinematics.task.lengths
+        m = kinematics.task.size
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.outer([1.0 / 6.0, 0.01 * bandwidth**2], size)
         constraints = robot.constrained
@@ -149,7 +151,8 @@ def joint_inertia(robot: Robot) -> np.ndarray:
 
 def _mobility(robot: Robot) -> np.ndarray:
     """Return J M^-1 J^T (m, m) of a frame task at home."""
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
     J = J[robot.frame_task.rows]

@@ -120,7 +120,9 @@ class PinocchioPlant(SimulatedPlant):
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
-        q, v, count = self._q, self._v, self.steps_in(dt)
+        q = self._q
+        v = self._v
+        count = self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q = q

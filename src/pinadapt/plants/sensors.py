@@ -104,7 +104,9 @@ class SimulatedSensors:
         if torque is not None and self._tau.any():
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
             truth = truth._replace(tau=torque + self._off + noise)
-        q, v, w = truth.q, truth.v, truth.w
+        q = truth.q
+        v = truth.v
+        w = truth.w
         if self.sensors.deviation("q") or self.sensors.deviation("v"):
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")

@@ -201,9 +201,11 @@ class FrankaArm(Arm):
             yield
         except self._failures as error:
             self._control = None  # the motion has ended; the client would wait for its next cycle
-            kind, hint = "does not answer", "Is the cable in, and the control box on?"
+            kind = "does not answer"
+            hint = "Is the cable in, and the control box on?"
             if isinstance(error, self._vendor.ControlException):
-                kind, hint = "has stopped the motion", _RECOVER
+                kind = "has stopped the motion"
+                hint = _RECOVER
             words = " ".join(str(error).split()).rstrip(".")
             raise ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint) from error
 

@@ -125,7 +125,9 @@ class _Ramp(TimeLaw):
         since = t - self._begin
         s, rate, acceleration = self._start.at(since)
         if self._halts:
-            s, rate, acceleration = since - s, 1.0 - rate, -acceleration
+            s = since - s
+            rate = 1.0 - rate
+            acceleration = -acceleration
         return self._place + s, rate, acceleration
 
     def when(self, s: float) -> float:
@@ -206,7 +208,9 @@ class RealtimeLoop:
         self._state: ControllerState  # from the first cycle on
         self._path: Trajectory = Hold()
         self._begin = self._t = 0.0
-        self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
+        self._phase = Phase.STARTING
+        self._since = 0.0
+        self._quiet = 0.0
         self._halted = False  # by a command, which another one takes back
         self._adapting = self.stage is Stage.ADAPT
         self._settled_for = math.inf
@@ -533,7 +537,9 @@ class RealtimeLoop:
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
             self._path = Retimed(self._path, _Ramp(self._now, self._now, halts=True))
-        self._phase, self._since, self._quiet = phase, 0.0, 0.0
+        self._phase = phase
+        self._since = 0.0
+        self._quiet = 0.0
         self._halted = commanded and phase is Phase.HOLDING
 
     @property

@@ -80,7 +80,9 @@ class Phase(IntEnum):
 def shapes_of(controller: Controller) -> dict[str, list[int]]:
     """Return the shapes of a cycle's numbers by name; a signal that was not measured is NaN."""
     kinematics = controller.kinematics
-    n, x, m = kinematics.nv, kinematics.task.coordinates, kinematics.task.size
+    n = kinematics.nv
+    x = kinematics.task.coordinates
+    m = kinematics.task.size
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
     sizes |= {
         "q": kinematics.nq,

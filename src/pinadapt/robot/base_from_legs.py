@@ -53,10 +53,12 @@ class BaseFromLegs:
             tilt: pitch and roll (2) [rad].
             rates: of pitch and roll (2) [rad/s].
         """
-        q, v = q.copy(), v.copy()
+        q = q.copy()
+        v = v.copy()
         q[:4], q[4:6] = 0.0, vector(tilt, 2, "tilt")
         v[:4], v[4:6] = 0.0, vector(rates, 2, "rates")
-        A, feet = self._contacts.jacobian(q), self._contacts.feet
+        A = self._contacts.jacobian(q)
+        feet = self._contacts.feet
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED
         both = stands & self._stood
         # the angle that turns the feet x + iy onto the footholds, about their middles

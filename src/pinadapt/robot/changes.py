@@ -250,7 +250,8 @@ class Friction:
         """
         arrays = {}
         for name in COEFFICIENTS:
-            value, where = getattr(self, name), f"friction.{name}"
+            value = getattr(self, name)
+            where = f"friction.{name}"
             array = list(value.values()) if isinstance(value, Mapping) else value
             if name in _SIGNED:
                 array = numbers(array, where, error=RobotError)
@@ -278,7 +279,8 @@ class Friction:
         names = [str(name) for name in model.names[1:]]
         given = {}
         for name in COEFFICIENTS:
-            value, where = getattr(self, name), f"friction.{name}"
+            value = getattr(self, name)
+            where = f"friction.{name}"
             if isinstance(value, Mapping):
                 given[name] = np.full(model.nv, getattr(Friction, name), dtype=float)
                 for joint, number in value.items():

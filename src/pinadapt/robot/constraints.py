@@ -133,7 +133,8 @@ class Loop:
         (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, each, pin.LOCAL) for each in at)
         v_a, v_b = (pin.getFrameVelocity(model, data, each, pin.LOCAL) for each in at)
         b = data.oMf[at[0]].actInv(data.oMf[at[1]])  # in the axes of a
-        X, rows = b.action, list(self.rows)
+        X = b.action
+        rows = list(self.rows)
         A = X @ A_b - A_a
         A_rate = X @ (rate_b + (v_b - b.actInv(v_a)).action @ A_b) - rate_a
         return A[rows], A_rate[rows]
@@ -237,7 +238,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
         angles = angles_from_configuration(model, q)
         each = [part.error(constraints.data, at, angles) for part, at in constraints.placed]
         off = np.concatenate(each)
-        A, off = A[np.isfinite(off)], off[np.isfinite(off)]
+        A = A[np.isfinite(off)]
+        off = off[np.isfinite(off)]
         step = -np.linalg.pinv(A, rcond=DEPENDENT) @ off
         left = np.abs(A @ step).max(initial=0.0)  # of what the joints can change
         if left < ROUNDING * DEPENDENT and np.abs(off).max(initial=0.0) < DEPENDENT:
@@ -289,7 +291,9 @@ class Constraints:
 
     def __init__(self, model: pin.Model, parts: Sequence[Constraint]) -> None:
         """Take the model of a robot, and its constraints."""
-        self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
+        self._model = model.copy()
+        self.data = model.createData()
+        self.parts = tuple(parts)
         self._none = np.zeros((0, model.nv))
         self._last = (np.full(model.nq, np.nan), np.zeros(model.nv)), (self._none, self._none)
         self.placed = [(part, part.places(model)) for part in self.parts]
@@ -304,7 +308,8 @@ class Constraints:
         (q_last, v_last), rows = self._last
         if (q == q_last).all() and (v == v_last).all():
             return rows
-        model, data = self._model, self.data
+        model = self._model
+        data = self.data
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
         own = (part.at(model, data, at) for part, at in self.placed)
@@ -337,10 +342,13 @@ class Constraints:
         A, A_rate = self.at(q, v)
         if stands is not None:
             holds = self.holding(stands)
-            A, A_rate = A[holds], A_rate[holds]
+            A = A[holds]
+            A_rate = A_rate[holds]
         U, sizes, V = np.linalg.svd(A, full_matrices=False)
         rank = np.count_nonzero(sizes > np.finfo(float).eps * sizes.max(initial=0.0))
-        U, sizes, V = U[:, :rank], sizes[:rank], V[:rank]
+        U = U[:, :rank]
+        sizes = sizes[:rank]
+        V = V[:rank]
         P = np.eye(v.size) - V.T.dot(V)
         turning = (V.T / sizes).dot(U.T.dot(A_rate)).dot(P)  # A^+ = V^T / sizes U^T
         return P, -turning - turning.T
@@ -362,7 +370,9 @@ class Constraints:
 
         The frames are those of the last ``at``; the loops are the first of the constraints.
         """
-        rows, squeezes, first = [], [], 0
+        rows = []
+        squeezes = []
+        first = 0
         for part, frames in self.placed:
             if isinstance(part, Loop) and part.squeeze is not None:
                 a, b = (self.data.oMf[frame] for frame in frames)

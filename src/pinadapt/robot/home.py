@@ -84,7 +84,8 @@ def singular_values(
 
     It has the ``rows`` of the Jacobians of all frames; the largest comes first.
     """
-    data, axes = model.createData(), pin.LOCAL_WORLD_ALIGNED
+    data = model.createData()
+    axes = pin.LOCAL_WORLD_ALIGNED
     J = [
         [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for frame in frames]
         for q in configurations
@@ -118,9 +119,11 @@ def find_home(
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
-    limits, rng = position_limits(model), np.random.default_rng(0)
+    limits = position_limits(model)
+    rng = np.random.default_rng(0)
     lower, upper = position_bounds(model)
-    middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
+    middle = (lower + upper) / 2
+    half = 0.8 * (upper - lower) / 2
 
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""

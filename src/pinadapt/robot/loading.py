@@ -151,7 +151,8 @@ def load(
     found = describe(source, xacro=xacro, mass=mass)
     free = word(base, (FIXED, FREE), "base") == FREE
     known = named or name_list(found.frame or (), "frame")
-    feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
+    feet = parts_of(Contact, contacts, "contacts")
+    closed = parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
     if len(named) > 1 and task in (JOINT, COM):
         raise RobotError(
@@ -330,7 +331,8 @@ def _load_chain(
 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model, names = robot.model, robot.joint_names
+    model = robot.model
+    names = robot.joint_names
     stated = dict[str, Any]()
     if robot.origin is not None:
         for attribute in ("armature", *FRICTION_ATTRIBUTES):
@@ -377,7 +379,9 @@ def limbs(robot: Robot) -> list[str]:
     many as a third of the longest limb has: fingers, heads and casters are none.
     """
     assert robot.drawn is not None
-    model, found, taken = robot.drawn.whole, dict[str, int](), set[int]()
+    model = robot.drawn.whole
+    found = dict[str, int]()
+    taken = set[int]()
     for name in (robot.frame, *robot.ends):
         own = set(chain_joints(model, frame_id(model, name)))
         new = own - taken

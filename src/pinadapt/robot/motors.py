@@ -73,7 +73,8 @@ class Actuators:
     def __post_init__(self) -> None:
         """Check the actuators, and keep numbers or tuples of them."""
         for name in JointActuators._fields:
-            given, zero = getattr(self, name), name in ("delay", "damping")
+            given = getattr(self, name)
+            zero = name in ("delay", "damping")
             kept = kept_numbers(given, f"actuators.{name}", zero=zero, infinite=not zero)
             object.__setattr__(self, name, kept)
         if self.elastic and np.isinf(self.stiffness).any():
@@ -176,7 +177,9 @@ class LateTorque:
         """
         if before is None:
             before = CommandsUnderway(0.0, (), command, command)
-        t, arrived, applied = before.t, before.arrived.copy(), before.applied
+        t = before.t
+        arrived = before.arrived.copy()
+        applied = before.applied
         least, pieces = 1e-6 * dt, []  # rounding
         sent = [(t + delay, joints, command) for delay, joints in self._delayed]
         coming = sorted([*before.coming, *sent], key=lambda each: each[0])
@@ -189,7 +192,8 @@ class LateTorque:
             stop = end if stop > end - least else stop
             if self._smooth:
                 stop = min(stop, t + longest)
-            z, off = self._bandwidth * (stop - t), applied - arrived
+            z = self._bandwidth * (stop - t)
+            off = applied - arrived
             applied = arrived + np.exp(-z) * off
             pieces.append((arrived - np.expm1(-z) / z * off, stop - t))
             t = stop
@@ -254,7 +258,8 @@ class Gravity:
 
     def __init__(self, robot: Robot) -> None:
         """Take the nominal robot, without unknown loads or tools."""
-        self._robot, self._data = robot, robot.model.createData()
+        self._robot = robot
+        self._data = robot.model.createData()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Return g(q) (nv) at a configuration q (nq)."""

@@ -134,7 +134,8 @@ def find_circle(robot: Robot) -> Circle:
             where="task",
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
-    length, task = robot.reach, robot.of_frame(robot.frame).frame_task
+    length = robot.reach
+    task = robot.of_frame(robot.frame).frame_task
     planes = PLANES[: 3 if task.lengths == 3 else 1]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [
@@ -173,7 +174,8 @@ def find_swing(robot: Robot) -> Sinusoid:
     Args:
         robot: any robot; read only. A joint whose home pose is outside its limits stays there.
     """
-    model, home = robot.model, robot.home_angles
+    model = robot.model
+    home = robot.home_angles
     lower, upper = position_limits(model)
     period = _PERIOD * sqrt(max(robot.reach, 1.0)) * np.linspace(1.0, 1.5, model.nv)
     period = np.round(period, 1)
@@ -194,7 +196,8 @@ def find_swing(robot: Robot) -> Sinusoid:
 
 def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     torques = []
     for angles, v, a in map(swing.at, np.linspace(0.0, swing.period.max(), 80)):
         q = configuration_from_angles(model, angles)
@@ -220,7 +223,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     """
     model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
     assert isinstance(task, FrameTask)
-    m, home, count = task.lengths, robot.home_angles, len(robot.frames)
+    m = task.lengths
+    home = robot.home_angles
+    count = len(robot.frames)
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)
@@ -235,7 +240,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     ways = path.positions(np.arange(_STEPS + 2) / _STEPS) - path.at(0.0).x_d
-    least, places, fastest = np.inf, [q], np.zeros(model.nv)
+    least = np.inf
+    places = [q]
+    fastest = np.zeros(model.nv)
     start = tool.position(q)
     for way in ways[1:]:
         angles = angles_from_configuration(model, q)

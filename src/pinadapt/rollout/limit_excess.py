@@ -41,7 +41,8 @@ class LimitExcess:
         """
         model = robot.model
         lower, upper = position_limits(model)
-        speed, effort = velocity_limits(model), effort_limits(model)
+        speed = velocity_limits(model)
+        effort = effort_limits(model)
         with np.errstate(invalid="ignore"):  # inf - inf is no excess
             outside = np.maximum(q - upper, lower - q)
             beyond = np.array([outside, np.abs(v) - speed, np.abs(tau) - effort])

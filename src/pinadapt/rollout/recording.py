@@ -63,7 +63,8 @@ class Evaluation(NamedTuple):
 
         NaN at a sample that the controller had to bridge.
         """
-        controller, V = self.controller, []
+        controller = self.controller
+        V = []
         true_k = self.true_values(controller.kinematics.value)
         true_d = self.true_values(controller.dynamics.value)
         if true_k is None or true_d is None or not samples:
@@ -88,8 +89,10 @@ def truth_at(
     plant: PinocchioPlant, sample: Sample, a_k_true: np.ndarray, a_d_true: np.ndarray
 ) -> Truth:
     """Return the quantities of the true robot at one sample on which a law's V depends."""
-    q, v = sample.measurement.q, sample.measurement.v
-    M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
+    q = sample.measurement.q
+    v = sample.measurement.v
+    M = plant.mass_matrix(q)
+    C = plant.coriolis_matrix(q, v)
     return Truth(a_k_true, a_d_true, M, C, plant.robot.friction_at(q))
 
 
@@ -182,15 +185,18 @@ def ringing(
     from scipy.signal import welch  # here, because scipy is slow to import
 
     finite = np.isfinite(tau).all(axis=1)
-    t, tau = t[finite], tau[finite]
+    t = t[finite]
+    tau = tau[finite]
     if len(t) < _FEWEST:
         return None
     rate = 1.0 / np.median(np.diff(t))
     length = max(_FEWEST, round(rate))
     tau = tau[-max(len(t) // 2, length) :]
     f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
-    step, fast = f[1], f >= slowest
-    f, found = f[fast], []
+    step = f[1]
+    fast = f >= slowest
+    f = f[fast]
+    found = []
     for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
         peak = np.argmax(own) if own.size else 0
         if peak < 2:  # no edge of the motion's own spectrum
@@ -207,7 +213,8 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
 
     Only frequencies above those of its feedback count.
     """
-    motion, names = controller.motion, controller.kinematics.robot.joint_names
+    motion = controller.motion
+    names = controller.kinematics.robot.joint_names
     slowest = () if motion is None else (motion.bandwidth / (2.0 * np.pi),)
     return ringing(t, tau, names, *slowest)
 
@@ -397,7 +404,8 @@ class Recording:
 
         None where nothing of the dynamics is estimated, or a number is not finite.
         """
-        torques, truth = self.motion_torques(), self.a_d_true
+        torques = self.motion_torques()
+        truth = self.a_d_true
         if torques is None:
             return None
         return TorquePrediction.of(torques, truth if truth is None else np.atleast_2d(truth)[-1])
@@ -442,7 +450,8 @@ class Recording:
     @cached_property
     def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times [s] and V of at most 1000 samples, or None where undefined."""
-        run, step = self.evaluated(), max(1, ceil(len(self.t) / 1000))
+        run = self.evaluated()
+        step = max(1, ceil(len(self.t) / 1000))
         V = run.storage(run.samples[::step])
         return None if V is None else (self.t[::step], V)
 
@@ -482,7 +491,8 @@ class Recording:
 
         In the last 10 %, to the nearest such point; None for tasks other than a picture.
         """
-        true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
+        true = self.evaluated().true
+        last = window(np.arange(len(self.t)), False)
         if not (isinstance(self.task, ImageTask) and true.known):
             return None
         found = []

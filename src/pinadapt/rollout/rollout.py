@@ -160,7 +160,8 @@ class Rollout(Recording, Printed):
 
     def _last_estimates(self, whole: bool) -> tuple[ControllerState, AlongExcited | None]:
         """Return the last state, and what the motion of the whole run excites."""
-        run, since = self.evaluated(), max((at for at, _ in self.marks), default=-np.inf)
+        run = self.evaluated()
+        since = max((at for at, _ in self.marks), default=-np.inf)
         along = None if whole else along_excited(run.controller, run.samples, since=since)
         return run.last_state, along
 
@@ -173,8 +174,10 @@ class Rollout(Recording, Printed):
         Raises:
             InputError: as ``learned``.
         """
-        evaluation, samples = self.evaluated(), self.samples_since_last_mark()
-        controller, state = evaluation.controller, evaluation.last_state
+        evaluation = self.evaluated()
+        samples = self.samples_since_last_mark()
+        controller = evaluation.controller
+        state = evaluation.last_state
         return Excitation(
             dynamic_information(
                 controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
@@ -193,7 +196,8 @@ class Rollout(Recording, Printed):
             InputError: as ``learned``.
             LogError: the controller has no unknown tracker, or the frames do not show it.
         """
-        kinematics, samples = self.evaluated().controller.kinematics, self.samples_since_last_mark()
+        kinematics = self.evaluated().controller.kinematics
+        samples = self.samples_since_last_mark()
         return find_tracker(kinematics, [sample.measurement for sample in samples])
 
     def payload(
@@ -220,7 +224,8 @@ class Rollout(Recording, Printed):
         """
         arm = positive(arm, "arm", zero=True, error=InputError)
         controller = self.evaluated().controller
-        whole, described = whole_arm(controller), described_robot(controller)
+        whole = whole_arm(controller)
+        described = described_robot(controller)
         found = self._whole_arm_information(whole)
         found = found.refined() if refined else found
         if empty is not None:

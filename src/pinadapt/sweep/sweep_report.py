@@ -55,7 +55,8 @@ def rate(which: np.ndarray) -> Rate:
     """Return the share of true entries, one at least, with Wilson's interval (Wilson 1927)."""
     from scipy.stats import binomtest
 
-    count, total = int(np.sum(which)), len(which)
+    count = int(np.sum(which))
+    total = len(which)
     bounds = binomtest(count, total).proportion_ci(method="wilson")  # of 95 %
     return Rate(count, total, *map(float, bounds))
 

@@ -135,7 +135,8 @@ def tune(
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
     other = replace(plan, seed=plan.seed + 1, **more)
-    default, chosen = judge({}, other), judge(best.gains, other)
+    default = judge({}, other)
+    chosen = judge(best.gains, other)
     words, better = verdict(default, chosen)
     return Tuned(
         {

@@ -220,7 +220,8 @@ class PoseTask(FrameTask):
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
-        p, each = self.lengths, self._quaternions
+        p = self.lengths
+        each = self._quaternions
         phi = [np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q]) for q in each]
         return np.concatenate([x[:p] - x_d[:p], *phi])
 
@@ -257,7 +258,8 @@ class PoseTask(FrameTask):
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the poses displaced by linear rows [m] and turned by angular ones [rad]."""
-        p, both = self.lengths, zip(self._quaternions, self._angular, strict=True)
+        p = self.lengths
+        both = zip(self._quaternions, self._angular, strict=True)
         return np.concatenate([x[:p] + by[:p], *(turned(x[q], by[w]) for q, w in both)])
 
     def flaw(self, x: np.ndarray) -> str | None:
@@ -426,7 +428,8 @@ def pinhole_camera(
     eye = vector(position, 3, "position", fills=False)
     at = vector(target, 3, "target", fills=False)
     (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
-    f, away = positive(focal, "focal", error=InputError), float(np.linalg.norm(at - eye))
+    f = positive(focal, "focal", error=InputError)
+    away = float(np.linalg.norm(at - eye))
     if not away > 0.0:
         raise InputError("the camera looks at the point where it stands.", where="target")
     forward = (at - eye) / away

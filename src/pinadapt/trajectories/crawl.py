@@ -59,9 +59,11 @@ class Crawl(Trajectory):
         Raises:
             InputError: numbers that are not finite, or not positive.
         """
-        self.steps, self.height = whole(steps, "steps", 1), positive(height, "height")
+        self.steps = whole(steps, "steps", 1)
+        self.height = positive(height, "height")
         self.length = float(vector(length, 1, "length")[0])
-        self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
+        self.shift = positive(shift, "shift")
+        self.swing = positive(swing, "swing")
         self.settles = self.steps * (self.shift + self.swing) + self.shift
 
     def on(self, robot: Any) -> Crawl:
@@ -75,15 +77,19 @@ class Crawl(Trajectory):
             raise InputError("a crawl is for four point feet.", where="robot.contacts")
         if robot.task.coordinates != 7:
             raise InputError("a crawl needs the pose of the trunk as task.", where="robot.task")
-        planned, constraints, model = copy(self), robot.constrained, robot.model
+        planned = copy(self)
+        constraints = robot.constrained
+        model = robot.model
         constraints.jacobian(robot.q0)
         feet = constraints.feet
         planned._start = start = robot.position(robot.q0)
         com = pin.centerOfMass(model, model.createData(), robot.q0)
-        offset, order = com[:2] - start[:2], _order(feet[:, :2])
+        offset = com[:2] - start[:2]
+        order = _order(feet[:, :2])
         planned._order = [order[i % 4] for i in range(self.steps)]
         ends = [np.append(start[:3], feet)]  # trunk and feet (15) at the ends of all parts
-        middle, rise = feet.mean(axis=0), np.zeros((2 * self.steps + 1, 15))
+        middle = feet.mean(axis=0)
+        rise = np.zeros((2 * self.steps + 1, 15))
         for k, foot in enumerate(planned._order):
             rise[2 * k + 1, 5 + 3 * foot] = self.height
             above = np.append(_inside(np.delete(feet[:, :2], foot, axis=0)) - offset, start[2])
@@ -123,7 +129,8 @@ class Crawl(Trajectory):
         stands = np.ones(4, dtype=bool)
         if k < self.steps and t - k * period > self.shift:
             stands[self._order[k]] = False
-        planned, turns = self._plan.at(t), (self._start[3:], np.zeros(3), np.zeros(3))
+        planned = self._plan.at(t)
+        turns = (self._start[3:], np.zeros(3), np.zeros(3))
         feet = Feet(stands, *(each[3:].reshape(4, 3) for each in planned))
         trunk = (np.append(each[:3], turn) for each, turn in zip(planned, turns, strict=True))
         return DesiredSteps.of(Desired(*trunk), feet)

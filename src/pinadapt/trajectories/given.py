@@ -49,7 +49,8 @@ class Function(Trajectory):
             f: t [s] -> x_d, or (x_d, xd_d, xdd_d), or ``Desired``; a pose may be a ``pin.SE3``.
             difference: (x, x_0) -> (m), how far x is from x_0; ``Task.error`` of a task.
         """
-        self._f, self._difference = f, difference
+        self._f = f
+        self._difference = difference
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s].
@@ -116,7 +117,8 @@ class Spline(Piecewise):
             InputError: sizes that do not match, numbers that are not finite, times that do not
                 increase, or too few samples.
         """
-        t, x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
+        t = numbers(t, "trajectory.t")
+        x = numbers(x, "trajectory.x")
         x = x[:, None] if x.ndim == 1 else x
         if t.ndim != 1 or x.ndim != 2 or len(t) != len(x) or len(t) < 2:
             raise InputError(

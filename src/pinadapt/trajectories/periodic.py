@@ -93,8 +93,10 @@ class _Sines(_Harmonic):
         for each in parts["period"]:
             positive(each, "trajectory.period", error=InputError)
         w = 2.0 * math.pi * parts.get("cycles", 1.0) / parts["period"]
-        A, phase = parts["amplitude"], parts["phase"]
-        self.amplitude, self.extent = A, float(np.linalg.norm(A))
+        A = parts["amplitude"]
+        phase = parts["phase"]
+        self.amplitude = A
+        self.extent = float(np.linalg.norm(A))
         self._take(parts.get("center"), w, np.diag(-1j * A * np.exp(1j * phase)), sines)
 
 
@@ -127,7 +129,8 @@ class Circle(_Harmonic):
         """
         self.radius = positive(radius, "trajectory.radius")
         self.period = positive(period, "trajectory.period")
-        self.phase, self.plane = float(vector(phase, 1, "trajectory.phase")[0]), plane
+        self.phase = float(vector(phase, 1, "trajectory.phase")[0])
+        self.plane = plane
         size = 3 if center is None else vector(center, None, "trajectory.center").size
         if size not in (2, 3):
             raise InputError(

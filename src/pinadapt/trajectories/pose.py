@@ -128,7 +128,9 @@ class PoseTrajectory(Trajectory):
         self._take(place, Swing() if orientation is None else _orientation(orientation))
 
     def _take(self, place: Trajectory, turn: Trajectory) -> None:
-        self.position, self.orientation, self.extent = place, turn, place.extent
+        self.position = place
+        self.orientation = turn
+        self.extent = place.extent
         if place.settles is not None and turn.settles is not None:
             self.settles = max(place.settles, turn.settles)
 
@@ -148,7 +150,8 @@ class PoseTrajectory(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
-        place, turn = self.position.at(t), self.orientation.at(t)
+        place = self.position.at(t)
+        turn = self.orientation.at(t)
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
@@ -165,7 +168,8 @@ def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
     Raises:
         InputError: as ``as_trajectory`` and ``Crawl.on``.
     """
-    task, start = robot.task, robot.position(robot.q0)
+    task = robot.task
+    start = robot.position(robot.q0)
     if isinstance(given, Crawl):
         given = given.on(robot)
     if isinstance(given, Trajectory):
@@ -194,8 +198,10 @@ class PoseCircle(PoseTrajectory):
             InputError: a circle in two coordinates, or a quaternion that is not of length 1.
         """
         super().__init__(position, orientation)
-        self.radius, self.period = position.radius, position.period
-        self.plane, self.phase = position.plane, position.phase
+        self.radius = position.radius
+        self.period = position.period
+        self.plane = position.plane
+        self.phase = position.phase
 
 
 def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:

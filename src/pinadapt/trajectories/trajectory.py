@@ -79,7 +79,8 @@ class Trajectory(ABC):
         span = LONGEST_RAMP if duration is None else min(LONGEST_RAMP, duration)
         looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
         speeds, rates = np.linalg.norm(looks, axis=2).T
-        v, a = float(speeds.max()), float(rates.max())
+        v = float(speeds.max())
+        a = float(rates.max())
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
@@ -106,7 +107,8 @@ class Trajectory(ABC):
             InputError: ``start`` has another number of coordinates than x_d, or is not finite.
         """
         here, speed, _ = self.at(0.0)
-        start, n = vector(start, here.size, "start"), _vector_rows(here, speed)
+        start = vector(start, here.size, "start")
+        n = _vector_rows(here, speed)
         turns = map(rotation_between, start[n:].reshape(-1, 4), here[n:].reshape(-1, 4))
         return self.shifted(np.append(start[:n] - here[:n], [*turns]))
 
@@ -135,7 +137,9 @@ class Derived(Trajectory):
 
     def __init__(self, motion: Trajectory) -> None:
         """Take the other motion."""
-        self.motion, self.extent, self.settles = motion, motion.extent, motion.settles
+        self.motion = motion
+        self.extent = motion.extent
+        self.settles = motion.settles
 
 
 class _Shifted(Derived):
@@ -143,7 +147,8 @@ class _Shifted(Derived):
 
     def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
         super().__init__(motion)
-        self._by, self.exact = by, motion.exact
+        self._by = by
+        self.exact = motion.exact
 
     def __repr__(self) -> str:
         """Return the kind of the motion that is displaced."""
@@ -302,14 +307,16 @@ def moves(x: np.ndarray, t: np.ndarray, bumps: ArrayLike = 0.0) -> BPoly:
     """
     from scipy.interpolate import BPoly  # not needed to load a robot
 
-    start, end = x[:-1], x[1:]
+    start = x[:-1]
+    end = x[1:]
     middle = 0.5 * (start + end) + 64.0 / 20.0 * np.asarray(bumps)
     return BPoly(np.array([start, start, start, middle, end, end, end]), t)
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:
     """Return s(u) = 10 u^3 - 15 u^4 + 6 u^5 with its first two derivatives, u from 0 to 1."""
-    square, rest = u * u, 1.0 - u
+    square = u * u
+    rest = 1.0 - u
     s = square * u * (10.0 - 15.0 * u + 6.0 * square)
     return s, 30.0 * square * rest * rest, 60.0 * u * rest * (rest - u)
 
@@ -379,7 +386,8 @@ class SlowedTime(TimeLaw):
         Raises:
             InputError: it is below 1.
         """
-        self.slowness, self.cause = positive(slowness, "slowness", error=InputError), cause
+        self.slowness = positive(slowness, "slowness", error=InputError)
+        self.cause = cause
         if self.slowness < 1.0:
             raise InputError(f"must be at least 1, got {slowness}.", where="slowness")
 

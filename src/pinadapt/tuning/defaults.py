@@ -68,7 +68,8 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     whole body is 0.09 times the inverse of the metric of natural adaptation at the nominal body:
     like that metric it does not depend on frames and units.
     """
-    robot, dynamics = dynamics.bare(robot), dynamics.inertial
+    robot = dynamics.bare(robot)
+    dynamics = dynamics.inertial
     nominal = dynamics.value(robot)
     if nominal is None:
         return None
@@ -92,7 +93,8 @@ def prior_variances(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     if not dynamics.inertial.per_body:
         covariance = prior_covariance(robot, dynamics)
         return None if covariance is None else np.diag(covariance)
-    robot, bodies = dynamics.bare(robot), dynamics.inertial.bodies
+    robot = dynamics.bare(robot)
+    bodies = dynamics.inertial.bodies
     S = _roots(robot, bodies)
     a = from_pseudo_inertia(S @ S.swapaxes(-1, -2)).ravel()
     cone = BodyInequality([robot.joint_names[body] for body in bodies])

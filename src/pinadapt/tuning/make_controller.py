@@ -129,7 +129,8 @@ def make_controller(
     """
     for name in gains:
         word(name, (*NAMES, *RATES), "controller")
-    dt, unknown = positive(dt, "dt"), Unknown.of(unknown)
+    dt = positive(dt, "dt")
+    unknown = Unknown.of(unknown)
     instance(robot, Robot, "robot")
     sensors = Sensors() if sensors is None else instance(sensors, Sensors, "sensors")
     limits = Limits() if limits is None else instance(limits, Limits, "limits")
@@ -189,7 +190,9 @@ def make_controller(
     compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
     if applied.governor is not None:  # the arm may wait for frames
         compensator = replace(compensator, longest_gap=applied.governor.settings.blind)
-    low_pass, first, watched = None, None, limits.watched
+    low_pass = None
+    first = None
+    watched = limits.watched
     if not isinf(settings.velocity):
         low_pass = LowPass(settings.velocity, "velocity filter")
     if watched["gravity"]:
@@ -298,7 +301,8 @@ def _tuned(
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
         gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
     make: Any = LAWS[law].tuned
-    made, share = partial(make, motion, dt, **gains), 1.0
+    made = partial(make, motion, dt, **gains)
+    share = 1.0
     if all(gains.get(name) is None for name in ("Kv", "Kp", "alpha")):
         share = stable_share_of_feedback(
             lambda share: made(share).feedback(motion), dt, motion, actuators, K_f

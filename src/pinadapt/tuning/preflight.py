@@ -90,7 +90,9 @@ def preflight(
     """
     instance(controller, Controller, "controller")
     instance(actuators, Actuators | None, "actuators")
-    motion, dt, findings = controller.motion, positive(dt, "dt"), list[Finding]()
+    motion = controller.motion
+    dt = positive(dt, "dt")
+    findings = list[Finding]()
     if motion is None:
         return findings
     actuators = actuators or controller.limits.actuators
@@ -99,7 +101,8 @@ def preflight(
             helps = radius(dt, _LEAST) <= _STABLE
             if helps or part == _FEEDBACK:
                 findings.append(_too_fast(part, gains if helps else {}, radius, dt, actuators))
-    robot, own = motion.robot, controller.law.own_bandwidth
+    robot = motion.robot
+    own = controller.law.own_bandwidth
     share = bandwidth(robot, dt, own) / usual_bandwidth(robot, own)
     if share < _SLOWED:
         longest = dt * share / _SLOWED
@@ -187,7 +190,8 @@ def _largest(radius: Callable[[float], float], start: float) -> float:
 
     By bisection of its logarithm, to 0.02 %; a millionth of the start if none is found.
     """
-    low, high = _LEAST * start, start
+    low = _LEAST * start
+    high = start
     for _ in range(16):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if radius(middle) <= _STABLE else (low, middle)
@@ -196,7 +200,8 @@ def _largest(radius: Callable[[float], float], start: float) -> float:
 
 def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) -> Iterator[Part]:
     """Yield of each part of the loop name, gains with the powers of the factor, and radius."""
-    law, feedback = controller.law, controller.law.feedback(motion)
+    law = controller.law
+    feedback = controller.law.feedback(motion)
     if feedback is not None:
         K_f = law.gain if isinstance(law, FastFeedback) else None
         joints = LinearisedJoints(motion, actuators, K_f, of_task=feedback.S.ndim == 2)
@@ -225,7 +230,8 @@ def _kinematic_radius(mode: float, damping: float, decay: float, dt: float, fact
 
     ``factor`` multiplies the rates of a.
     """
-    w, decay = mode * (_MARGIN * factor) ** 0.5, _MARGIN * factor * decay
+    w = mode * (_MARGIN * factor) ** 0.5
+    decay = _MARGIN * factor * decay
     return _median_radius(np.array([[1.0 - dt * damping, dt * w], [-dt * w, 1.0 - dt * decay]]))
 
 
@@ -265,15 +271,19 @@ class LinearisedJoints:
         Raises:
             InputError: actuators of another number of joints.
         """
-        M, rotors = motion.mass_matrices, motion.robot.model.armature
+        M = motion.mass_matrices
+        rotors = motion.robot.model.armature
         self._bandwidth = motion.bandwidth
         if of_task:  # the posture holds the rest
-            self._left, self._right = M @ motion.right_inverses, motion.jacobians
+            self._left = M @ motion.right_inverses
+            self._right = motion.jacobians
             self._posture = M - self._left @ self._right
         else:
             self._left = M @ motion.unit_masses.swapaxes(1, 2)  # W^-1
-            self._right, self._posture = self._left.swapaxes(1, 2), np.zeros(M.shape)
-        own, moved = actuators.of(motion.robot), np.diagonal(M, axis1=1, axis2=2).min(axis=0)
+            self._right = self._left.swapaxes(1, 2)
+            self._posture = np.zeros(M.shape)
+        own = actuators.of(motion.robot)
+        moved = np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
         at_states = [_actuated(each, each - np.diag(rotors), motor, own) for each in M]
         self._A, self._B, motors = map(np.array, zip(*at_states, strict=True))
@@ -320,7 +330,8 @@ class LinearisedJoints:
             system = np.zeros((N, k + 2 * n, k + 2 * n))
             system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
             system[:, :k, k + n :] = self._B
-            self._moved, self._period = expm(dt * system), dt
+            self._moved = expm(dt * system)
+            self._period = dt
         moved = self._moved[:, : k + n]
         return moved[..., : k + n], moved[..., k + n :]
 
@@ -338,10 +349,13 @@ def _actuated(
     are springs.
     """
     one, none, K, D = np.eye(len(M)), np.zeros(M.shape), joints.stiffness, joints.damping
-    A, B, C = none, np.linalg.inv(M), one
+    A = none
+    B = np.linalg.inv(M)
+    C = one
     if np.isfinite(K).all():
         D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
-        links, drive = np.linalg.inv(M_l), np.diag(1.0 / motor)
+        links = np.linalg.inv(M_l)
+        drive = np.diag(1.0 / motor)
         A = np.block(
             [
                 [none, -one, one],
@@ -349,16 +363,20 @@ def _actuated(
                 [-drive * K, drive * D, -drive * D],
             ]
         )
-        B, C = np.vstack([none, none, drive]), np.hstack([none, none, one])
+        B = np.vstack([none, none, drive])
+        C = np.hstack([none, none, one])
     if np.isfinite(joints.bandwidth).any():
         w = np.diag(np.minimum(joints.bandwidth, 1e4))
         A = np.block([[-w, 0.0 * C], [B, A]])
-        B, C = np.vstack([w, 0.0 * B]), np.hstack([none, C])
+        B = np.vstack([w, 0.0 * B])
+        C = np.hstack([none, C])
     if joints.delay.any():
         T = np.maximum(joints.delay, 1e-3 * joints.delay.max())
-        a, b = np.diag(12.0 / T**2), np.diag(6.0 / T)
+        a = np.diag(12.0 / T**2)
+        b = np.diag(6.0 / T)
         A = np.block([[none, one, 0.0 * C], [-a, -b, 0.0 * C], [0.0 * B, -2.0 * B @ b, A]])
-        B, C = np.vstack([none, one, B]), np.hstack([none, none, C])
+        B = np.vstack([none, one, B])
+        C = np.hstack([none, none, C])
     return A, B, C
 
 

@@ -109,18 +109,23 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
     """
-    law, motion, mode = tuning.law, tuning.motion, tuning.settings.mode
-    dynamics, joints = motion.dynamics, motion.dynamics.joints
+    law = tuning.law
+    motion = tuning.motion
+    mode = tuning.settings.mode
+    dynamics = motion.dynamics
+    joints = motion.dynamics.joints
     if kind == "none" or not dynamics.size:
         return Frozen()
     if kind in MEMORIES:
         mode = min(mode, 1.0 / law.adaptation_mode)
     share *= mode**2
-    w, size = tuning.bandwidth * share**0.5, dynamics.inertial.size
+    w = tuning.bandwidth * share**0.5
+    size = dynamics.inertial.size
     effects = law.parameter_effects(motion)
     moved = _inertial_adaptation(kind, tuning, effects[..., :size], law.adaptation_mode * w)
     if joints is not None and joints.size:
-        typical, gamma = joints.typical, tuning.rates.get("gamma_joint")
+        typical = joints.typical
+        gamma = tuning.rates.get("gamma_joint")
         if gamma is None:
             unit = Stacked(_of_joints(1.0, typical, joints.signed))
             gamma = rate_for(law.joint_mode * w, effects[..., size:], unit, Estimate(typical))
@@ -142,7 +147,8 @@ def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Ada
 
 def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: float) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
-    dynamics, gamma_d = tuning.motion.dynamics.inertial, tuning.rates.get("gamma_d")
+    dynamics = tuning.motion.dynamics.inertial
+    gamma_d = tuning.rates.get("gamma_d")
     robot = tuning.motion.dynamics.bare(tuning.motion.robot)
     if not dynamics.size:
         return Frozen()
@@ -174,7 +180,8 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     shares = np.ones(len(dynamics.bodies))
     for index in np.flatnonzero(np.isin(dynamics.bodies, robot.carriers)):
         P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
-        mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
+        mass = P[3, 3]
+        centre = P[:3, 3] / P[3, 3]
         square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
         thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
         shares[index] = max(1.0, thick, 1.0 + load * robot.mass / mass)
@@ -238,16 +245,21 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
     Raises:
         GainError: a rate that is not positive.
     """
-    w, motion, mode = tuning.bandwidth, tuning.motion, tuning.law.prediction_mode
-    low_pass, torques = tuning.rate("prediction_filter", w), typical_torques(moved, motion)
+    w = tuning.bandwidth
+    motion = tuning.motion
+    mode = tuning.law.prediction_mode
+    low_pass = tuning.rate("prediction_filter", w)
+    torques = typical_torques(moved, motion)
     Gamma = moved.gain(typical_start(moved, motion))
     if kind in MEMORIES:
-        rate, dynamics = tuning.rate("prediction_rate", mode * w), motion.dynamics
+        rate = tuning.rate("prediction_rate", mode * w)
+        dynamics = motion.dynamics
         friction = set(JointEffects(motion.robot, ("viscous", "coulomb")).names)
         whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
         explains_all = whole and friction.issubset(dynamics.names)
         unit = _WIDTH**2 * _unit(Gamma, motion)  # P = unit Gamma
-        variance, prior = _NOISE**2 * unit * torques, None
+        variance = _NOISE**2 * unit * torques
+        prior = None
         if tuning.jitter:
             shaken = unit * _shaken_torques(moved, motion, low_pass * tuning.jitter)
             variance += _HORIZON * shaken
@@ -300,7 +312,9 @@ def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> 
 
     These have the standard deviation ``a`` [rad/s^2 or m/s^2].
     """
-    regressor, rest, changes = motion.dynamics.regressor, np.zeros(motion.robot.model.nv), []
+    regressor = motion.dynamics.regressor
+    rest = np.zeros(motion.robot.model.nv)
+    changes = []
     for q, free in zip(motion.states.q, motion.free, strict=True):
         still = np.array(regressor(q, rest, rest))
         changes += [free @ (regressor(q, rest, e) - still) for e in np.eye(rest.size)]
@@ -315,8 +329,11 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
         tuning: of the loop; the default rate follows the law's coupling of estimate and error.
         box: (2, p) bounds or None.
     """
-    law, kinematics = tuning.law, tuning.motion.kinematics
-    gamma_k, size, loop = tuning.rates.get("gamma_k"), kinematics.size, law.kinematic_loop()
+    law = tuning.law
+    kinematics = tuning.motion.kinematics
+    gamma_k = tuning.rates.get("gamma_k")
+    size = kinematics.size
+    loop = law.kinematic_loop()
     if kind == "none" or not size or not law.learns_kinematics:
         return Frozen()
     start = Estimate(kinematics.initial)
@@ -344,7 +361,8 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
     kinematics = motion.kinematics
     unit = (OFF * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
-    seen, spread = motion.position_regressors, quality.x
+    seen = motion.position_regressors
+    spread = quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
         spread *= float(getattr(law, "lambda_", w))
@@ -368,7 +386,8 @@ def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:
 
     It decays at most as fast as the camera's noise allows, with the kinematics' ``adaptation``.
     """
-    law, motion = tuning.law, tuning.motion
+    law = tuning.law
+    motion = tuning.motion
     seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
     rate = frequency(seen, adaptation.gain(Estimate(motion.kinematics.initial))) ** 2
     wanted = min(_SLOW * tuning.bandwidth, tuning.settings.smoothing)

@@ -207,7 +207,8 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         return known(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
-    geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
+    geometry = unknown.geometry or GEOMETRY in words
+    tracked = unknown.tracker or TRACKER in words
     if robot.task.frames:
         return FrameKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
@@ -221,11 +222,14 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         )
     if filmed:
         others = [word for word in others if word != CAMERA]
-        place, kinematics = CAMERA, CameraKinematics(robot, others)
+        place = CAMERA
+        kinematics = CameraKinematics(robot, others)
     elif geometry:
-        place, kinematics = GEOMETRY, FrameKinematics(robot, GEOMETRY)
+        place = GEOMETRY
+        kinematics = FrameKinematics(robot, GEOMETRY)
     elif tracked:  # it contains the position of the base
-        place, kinematics = TRACKER, TrackerKinematics(robot, others)
+        place = TRACKER
+        kinematics = TrackerKinematics(robot, others)
     else:
         kinematics = FrameKinematics(robot, words)
         place = BASE if any(part.joint == FIRST for part in kinematics.translations) else ""
@@ -319,9 +323,11 @@ def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str) -> None:
         kind: of adaptation of the dynamic estimate; "custom" for an object.
         kind_k: of that of the kinematic estimate.
     """
-    law, motion = tuning.law, tuning.motion
+    law = tuning.law
+    motion = tuning.motion
     dynamics = motion.dynamics
-    inertial, used = dynamics.inertial.size, [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
+    inertial = dynamics.inertial.size
+    used = [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
     if kind not in ("none", "custom"):
         used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)
     if kind in PREDICTING and dynamics.size:

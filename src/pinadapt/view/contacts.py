@@ -44,7 +44,9 @@ class DrawnContacts:
             robot: that stands on them.
             size: half of the picture [m].
         """
-        self._node, self._robot, self._size = node, robot, size
+        self._node = node
+        self._robot = robot
+        self._size = size
         self._length = size / max(robot.mass * np.linalg.norm(robot.model.gravity.linear), 1e-9)
         for contact in robot.contacts:
             own = node[contact.frame]

@@ -62,7 +62,8 @@ class Window:
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
         """Draw the object of one node at another node too, on request in the ghost's material."""
-        one, other = source.path.lower(), target.path.lower()
+        one = source.path.lower()
+        other = target.path.lower()
         self.note(other, copy={"source": one, "target": other, "ghost": as_ghost})
 
     def _keep(self, key: Any, message: bytes) -> None:
@@ -187,7 +188,8 @@ def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Mo
     for number, shape in enumerate(visual.geometryObjects):
         joint = f"joint {shape.parentJoint}"
         shape.name = f"shape {number}"
-        place, shadow = root[joint][shape.name], twin[joint][shape.name]
+        place = root[joint][shape.name]
+        shadow = twin[joint][shape.name]
         for node in (place, shadow):
             node.set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
         mesh = shape.meshPath, tuple(shape.meshColor), shape.overrideMaterial

@@ -55,7 +55,9 @@ class Server(ThreadingHTTPServer):
     def __init__(self, page: str, messages: Window) -> None:
         """Start the server on a free port."""
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.page, self.messages, self.read = page.encode(), messages, 0
+        self.page = page.encode()
+        self.messages = messages
+        self.read = 0
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
         Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()

@@ -121,7 +121,9 @@ def animation_of(rollout: Any) -> Animation:
     run = rollout.evaluated()
     t, q, x_d, true = rollout.t, rollout.q, rollout.x_d, run.true.robots[0]
     if not len(t):  # it diverged at once
-        t, q, x_d = np.zeros(1), true.q0[None], true.position(true.q0)[None]
+        t = np.zeros(1)
+        q = true.q0[None]
+        x_d = true.position(true.q0)[None]
     line = slice(None, None, ceil(len(t) / _MOST))
     wanted = min(ceil((t[-1] - t[0]) * RATE), _MOST - 1) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))

@@ -141,7 +141,9 @@ class DrawnRobot:
             size: of the scene [m].
             tip: material of the balls.
         """
-        self.node, self.robot, self.size = node, robot, size
+        self.node = node
+        self.robot = robot
+        self.size = size
         self._bones: list[tuple[int, int]] = []  # their ends in a motion
         self.loads: list[tuple[int, Node]] = []
         self._tips = _nodes(node, "tip", robot)
@@ -228,7 +230,8 @@ class Scene:
         self.window = Window()
         self.poses = Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
-        self.robots, self.controller = robots, controller
+        self.robots = robots
+        self.controller = controller
         self.true = true = robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced = tips_of(true, motion)

@@ -132,7 +132,8 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
     At home it lies in the task's directions. Its length is 5 % of the reach.
     """
-    task, direction = robot.frame_task, np.zeros(3)
+    task = robot.frame_task
+    direction = np.zeros(3)
     direction[task.place] = rng.standard_normal(task.positions)
     direction *= TOOL_ERROR * robot.reach / np.linalg.norm(direction)
     return robot.placement(robot.q0).rotation.T @ direction
@@ -180,7 +181,8 @@ def zoo_numbers(
                 "unadapted_angle": _last(case, unadapted, unadapted.angle),
                 "adapted_angle": _last(case, adapted, adapted.angle),
             }
-            error, without = row["adapted"], row["unadapted"]
+            error = row["adapted"]
+            without = row["unadapted"]
             better = adapted.grade == FOLLOWS and without is not None and error <= BETTER * without
             row["verdict"] = CONVERGED if better else adapted.verdict
         except (PinadaptError, ArithmeticError, ValueError) as error:
