@@ -46,10 +46,10 @@ def shown(value: object) -> str:
 def instance(
     value: Any, kind: type | UnionType, name: str, error: type[InputError] = InputError
 ) -> Any:
-    """Return an object if it is of a kind.
+    """Return an object, checked to be of a kind.
 
     Raises:
-        error: it is not.
+        error: it is of another kind.
     """
     if not isinstance(value, kind):
         kinds = get_args(kind) or (kind,)

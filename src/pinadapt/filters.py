@@ -73,7 +73,7 @@ class LowPass:
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
-        return np.asarray(self.bandwidth * (u - state))
+        return self.bandwidth * (u - state)
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
@@ -362,7 +362,7 @@ class FilteredTorque(NamedTuple):
 
     def error(self, a_d: np.ndarray) -> np.ndarray:
         """Return the prediction error W a_d - y (n) [N m or N] of an estimate a_d (p)."""
-        return np.asarray(self.W.dot(a_d) - self.y)
+        return self.W.dot(a_d) - self.y
 
 
 class FilteredRegressor:

@@ -113,8 +113,11 @@ def follow_geodesic(
     dual are the entries that are not zero, at the places (i, row, column). Where h
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    k, square = len(a) // p, 0.0
-    P, A, both = np.zeros((k, n, n)), np.zeros((k, n, n)), np.empty((2, n, n))
+    k = len(a) // p
+    square = 0.0
+    P = np.zeros((k, n, n))
+    A = np.zeros((k, n, n))
+    both = np.empty((2, n, n))
     for b in range(k):
         L = np.zeros((n, n))
         for e in range(len(F)):
@@ -135,7 +138,8 @@ def follow_geodesic(
     for b in range(k):
         X = P[b]
         for order in range(4, 0, -1):  # P - h A / order X
-            Y, share = both[order % 2], h / order
+            Y = both[order % 2]
+            share = h / order
             for r in range(n):
                 for s in range(n):
                     x = 0.0
@@ -144,7 +148,8 @@ def follow_geodesic(
                     Y[r, s] = P[b, r, s] - share * x
             X = Y
         for e in range(len(dual)):
-            r, s = dual_places[e, 1], dual_places[e, 2]
+            r = dual_places[e, 1]
+            s = dual_places[e, 2]
             after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
 
 

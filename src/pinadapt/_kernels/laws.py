@@ -75,7 +75,8 @@ def carry(
     x_o by (half + dt / 2) xd_hat - (1 - exp(-bandwidth dt)) dx_o; half becomes dt / 2, and the
     other half of this step comes with the velocity at its end.
     """
-    m, share = len(dx_o), -math.expm1(-bandwidth * dt)
+    m = len(dx_o)
+    share = -math.expm1(-bandwidth * dt)
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
@@ -265,7 +266,8 @@ def reference(
     dx_o (m_p) may be shorter: zeros follow.
     """
     for i in range(len(u)):
-        error, rate = dx[i], xd[i] - xd_d[i]
+        error = dx[i]
+        rate = xd[i] - xd_d[i]
         if i < len(dx_o):
             error += dx_o[i]
             rate -= beta * dx_o[i]

@@ -80,18 +80,27 @@ def observed_motion(
 
     def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
         """Return entry i of a x b."""
-        f, h = (i + 1) % 3, (i + 2) % 3
+        f = (i + 1) % 3
+        h = (i + 2) % 3
         return a[f] * b[h] - a[h] * b[f]
 
-    n, one, width = len(v), 3 * len(links), maps.shape[2]
-    Phi, Phid = motion[0], motion[1]
-    turns, turn_rates = S[3:], dS[3:]
+    n = len(v)
+    one = 3 * len(links)
+    width = maps.shape[2]
+    Phi = motion[0]
+    Phid = motion[1]
+    turns = S[3:]
+    turn_rates = dS[3:]
     w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
     for j in range(len(links)):
         b, first, at, before = links[j, 0], 3 * links[j, 1], slice(3 * j, 3 * j + 3), links[j, 2:]
-        placed, p, pd = first == 3 * j, Phi[first : first + 3], Phid[first : first + 3]
-        D, Dd = Phi[at], Phid[at]
-        d, dd = D[:, n], Dd[:, n]
+        placed = first == 3 * j
+        p = Phi[first : first + 3]
+        pd = Phid[first : first + 3]
+        D = Phi[at]
+        Dd = Phid[at]
+        d = D[:, n]
+        dd = Dd[:, n]
         for i in range(3):
             d[i] = o[b, i] if placed else 0.0
             w[i] = turning[i] = dd[i] = 0.0
@@ -129,7 +138,8 @@ def observed_motion(
         j, of, i, c = entries[k, 0], entries[k, 1], entries[k, 2], entries[k, 3]
         maps[of, i, c] = constants[of, i, c] + a[j]
     for i in range(len(y)):
-        N, D = maps[0, i], maps[1, i]
+        N = maps[0, i]
+        D = maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0
         for c in range(width):
             top += N[c] * Phi[c, n]
@@ -152,7 +162,9 @@ def observed_motion(
         for j in range(len(a)):
             X[i, j] = Y[i, j] = 0.0
     for k in range(len(entries)):
-        j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
+        j = entries[k, 0]
+        i = entries[k, 2]
+        c = entries[k, 3]
         share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, one]
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
@@ -174,15 +186,20 @@ def add_map_rates(
     It is (dN/dt - y dD/dt - dy/dt D - dz/dt G) / z dphi/dq. yd (m) is the rate of y at constant
     parameters; the others are as in ``observed_motion``.
     """
-    Phi, Phid, n = motion[0], motion[1], Jdot.shape[1]
+    Phi = motion[0]
+    Phid = motion[1]
+    n = Jdot.shape[1]
     for i in range(len(z)):
-        D, total, zd = maps[1, i], yd[i], 0.0
+        D = maps[1, i]
+        total = yd[i]
+        zd = 0.0
         for c in range(len(D)):
             zd += D[c] * Phid[c, n]
         for k in range(len(entries)):
             if entries[k, 2] != i:
                 continue
-            change, c = rate[entries[k, 0]], entries[k, 3]
+            change = rate[entries[k, 0]]
+            c = entries[k, 3]
             if entries[k, 1] == 1:
                 zd += change * Phi[c, n]
                 change *= -y[i]
@@ -190,7 +207,8 @@ def add_map_rates(
             total += change * Phi[c, n]
             for t in range(n):
                 Jdot[i, t] += change * Phi[c, t]
-        total, zd = total / z[i], zd / z[i]
+        total = total / z[i]
+        zd = zd / z[i]
         for c in range(len(D)):
             less = total * D[c] + zd * G[i, c]
             for t in range(n if less != 0.0 else 0):
@@ -229,7 +247,9 @@ def add_joint_effects(
         for j in range(Y.shape[1]):
             Y[i, j] = Y_b[i, j] if j < p else 0.0
     for k in range(values.shape[1]):
-        u, w, load = 0.0, 0.0, g[k] if k < n else 0.0
+        u = 0.0
+        w = 0.0
+        load = g[k] if k < n else 0.0
         for i in range(n):
             u += directions[k, i] * v[i]
             w += directions[k, i] * a[i]
@@ -276,7 +296,8 @@ def momentum_columns(
         for t in range(3):
             s[t] = s[t + 3] = 0.0
             for e in range(3):
-                f, h = (e + 1) % 3, (e + 2) % 3
+                f = (e + 1) % 3
+                h = (e + 2) % 3
                 moving = axes[e, c] + axes[f + 3, c] * o[b, h] - axes[h + 3, c] * o[b, f]
                 s[t] += R[b, e, t] * moving
                 s[t + 3] += R[b, e, t] * axes[e + 3, c]
@@ -286,7 +307,8 @@ def momentum_columns(
         Y[0] += sign * (s[0] * v[0] + s[1] * v[1] + s[2] * v[2])
         j = 4
         for t in range(3):
-            f, h = (t + 1) % 3, (t + 2) % 3
+            f = (t + 1) % 3
+            h = (t + 2) % 3
             Y[1 + t] += sign * (s[f] * v[h + 3] - s[h] * v[f + 3])
             Y[1 + t] += sign * (v[f] * s[h + 3] - v[h] * s[f + 3])
             for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
@@ -296,9 +318,12 @@ def momentum_columns(
                 j += 1
 
     Y_M[:], Y_0[:] = 0.0, 0.0
-    s, d, g = np.empty(6), np.empty(6), np.zeros(6)
+    s = np.empty(6)
+    d = np.empty(6)
+    g = np.zeros(6)
     for k in range(len(bodies)):
-        b, c = bodies[k], columns[k]
+        b = bodies[k]
+        c = columns[k]
         turn_into(b, J, c, s)
         turn_into(b, Jdot, c, d)
         for t in range(3):

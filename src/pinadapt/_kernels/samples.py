@@ -96,7 +96,9 @@ def check_joints(
         change = abs(v[i] - before[RAW_V, i])
         if change > 0.0 and not 0.0 < shared[0] < change:
             shared[0] = change
-    leak, resting, wrong = math.exp(-dt / MEMORY), True, False
+    leak = math.exp(-dt / MEMORY)
+    resting = True
+    wrong = False
     for i in range(len(v)):
         old, new, most, k, speed = before[:, i], after[:, i], bounds[i], places[i], v[i]
         rate, way, circle, plain = old[RATE], q[k] - q_before[k], True, places[i + 1] == k + 1
@@ -108,9 +110,12 @@ def check_joints(
                 q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
         r = way - 0.5 * dt * (speed + rate)  # exact for a torque that is held
-        R_before, D_before = leak * old[RESIDUAL], leak * old[WAY]
+        R_before = leak * old[RESIDUAL]
+        D_before = leak * old[WAY]
         C_before = leak * old[CHANGE]
-        R, D, C_late = R_before + r, D_before + way, _LATE * (C_before + speed - rate)
+        R = R_before + r
+        D = D_before + way
+        C_late = _LATE * (C_before + speed - rate)
         same = q[k] == old[RAW_Q]
         still_q = old[STILL_Q] + dt if same else 0.0
         still_v = old[STILL_V] + dt if speed == old[RAW_V] else 0.0
@@ -120,7 +125,8 @@ def check_joints(
         if max(still_q, still_v) <= _REPEATED:
             apart += _SHARE * max(abs(D), abs(D - R))
         elif still_v > _REPEATED and speed != 0.0:
-            apart, C_late = apart - 0.5 * tolerance, 0.0
+            apart = apart - 0.5 * tolerance
+            C_late = 0.0
         R -= min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
         jump = tolerance + 2.0 * dt * max(abs(speed), abs(rate))
         leap = abs(speed - rate) > most["leap"] and abs(way - rate * dt) < abs(r)
@@ -135,17 +141,29 @@ def check_joints(
         if no_q or no_v:
             kind = MISSING
         elif leap:
-            kind, size, bound = SPIKE, speed - rate, most["leap"]
+            kind = SPIKE
+            size = speed - rate
+            bound = most["leap"]
         elif abs(speed) > most["fastest"]:
-            kind, size, bound = SPIKE, speed, most["fastest"]
+            kind = SPIKE
+            size = speed
+            bound = most["fastest"]
         elif abs(r) > jump or not circle:
-            kind, size, bound = JUMP, r, jump
+            kind = JUMP
+            size = r
+            bound = jump
         elif plain and not begun and not inside:
-            kind, size, bound = OUT, q[k], most["highest"] if q[k] > 0.0 else most["lowest"]
+            kind = OUT
+            size = q[k]
+            bound = most["highest"] if q[k] > 0.0 else most["lowest"]
         elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
-            kind, size, bound = APART, R, apart
+            kind = APART
+            size = R
+            bound = apart
         elif same and speed == 0.0 and abs(rate) > clear:
-            kind, size, bound = STOPPED, rate, clear
+            kind = STOPPED
+            size = rate
+            bound = clear
         if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
             distrust = NO_V
             if still_q > 3.0 * dt:
@@ -185,7 +203,8 @@ def check_joints(
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)
 def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> float:
     """Return |a_d|^2 + |a_k|^2, or NaN where |torque|^2 is not finite."""
-    size, effort = 0.0, 0.0
+    size = 0.0
+    effort = 0.0
     for entry in a_d:
         size += entry * entry
     for entry in a_k:
@@ -198,7 +217,8 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
-    beyond, effort = False, 0.0
+    beyond = False
+    effort = 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
         effort += torque[i] * torque[i]
@@ -266,7 +286,8 @@ def path_rate(
             factors[3 + i] = max((1.0 - share) / (1.0 - effort), 0.0)
         if not moving:
             continue
-        speed, now = 0.0, 0.0
+        speed = 0.0
+        now = 0.0
         for j in range(m):
             transposed = 0.0
             for k in range(len(J)):  # those of constraints too

@@ -236,7 +236,7 @@ class Controller:
         """Take the scratch, or refuse it to another thread."""
         if not self._alone.acquire(blocking=False):
             raise InputError(
-                "another thread is using this controller, whose models are scratch.",
+                "another thread is using this controller, whose models hold intermediate results.",
                 where="controller",
                 hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
             )

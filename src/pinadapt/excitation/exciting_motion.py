@@ -215,7 +215,7 @@ class _Search:
         )
         for _ in steps:  # complete the progress bar
             pass
-        return np.asarray(size * found.x.reshape(shape))
+        return size * found.x.reshape(shape)
 
     def inside(self, theta: np.ndarray) -> np.ndarray:
         """Return theta times the largest factor up to one whose motion keeps all limits.

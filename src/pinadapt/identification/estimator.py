@@ -641,7 +641,7 @@ class Estimator:
 
     def _weights(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return w (e): the equations times w are the residuals at a (p)."""
-        return np.asarray(self._map(state, a) @ np.append(-a, 1.0))
+        return self._map(state, a) @ np.append(-a, 1.0)
 
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""

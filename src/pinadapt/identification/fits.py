@@ -255,7 +255,7 @@ def lasting_noise(residual: np.ndarray) -> np.ndarray:
         size, *later = np.correlate(column, column, "full")[len(column) - 1 :]
         for product in takewhile(lambda product: product > 0.0, later[: len(column) // 2 - 1]):
             found[j] += 2.0 * product / size
-    return np.asarray(rms(residual, 0) * np.sqrt(found))
+    return rms(residual, 0) * np.sqrt(found)
 
 
 def position_windows(

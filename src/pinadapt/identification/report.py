@@ -232,7 +232,7 @@ class Identification(Printed):
             nominal_dynamics(robot, nothing, ()),
             constraints,
         )
-        return np.asarray(rms(windows.between(self.split).y, 0))
+        return rms(windows.between(self.split).y, 0)
 
     @cached_property
     def late(self) -> tuple[float, float]:

@@ -321,7 +321,7 @@ def _deviations(robot: Robot) -> np.ndarray:
     bodies = physical_set(BodyDynamics(robot, ALL), robot)
     radius = HEAVIEST * robot.reach
     usual = HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
-    return np.asarray(block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual)))
+    return block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual))
 
 
 def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:

@@ -279,10 +279,10 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
 
 
 def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
-    """Refuse velocities (N, n) that disagree with the positions.
+    """Check velocities (N, n) against the positions.
 
     Raises:
-        LogError: they do.
+        LogError: they disagree.
     """
     q = log.configurations(robot)
     rates = differences(robot.model, q) / np.diff(log.t)[:, None]

@@ -36,7 +36,7 @@ class Scheduling:
 
     @contextmanager
     def applied(self) -> Iterator[list[str]]:
-        """Apply it, yield notes on what is not allowed, and take it back."""
+        """Schedule this process so, yield notes on what is not allowed, and undo it at the end."""
         notes = []
         with ExitStack() as back:
             try:

@@ -159,7 +159,7 @@ def find_home(
             and plane.distances(model, frames[0], [q])[0] >= room
             and singular_values(model, frames, rows, [q])[0, -1] >= _NEARLY * smallest
         ):
-            return np.asarray(q)
+            return q
     return home
 
 
@@ -167,7 +167,7 @@ def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np
     """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
     for q in candidates:
         if _off_limits(position_limits(model), angles_from_configuration(model, q)) >= 0.0:
-            return np.asarray(q)
+            return q
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 

@@ -224,7 +224,7 @@ def prepare(
         start: initial estimates, as in ``simulate``.
 
     Raises:
-        InputError: it does not, or the initial estimates cannot be used.
+        InputError: it does not fit, or the initial estimates cannot be used.
     """
     true = plant.robot
     own = controller.kinematics

@@ -328,10 +328,10 @@ class Plan:
         return at_folder(with_values(self.scenario or {}, values), Path(self.folder))
 
     def check(self, values: Record) -> None:
-        """Check that the scenario, if it is one, has such keys and values.
+        """Check keys and values against the scenario, if the sweep is of one.
 
         Raises:
-            InputError: it has not.
+            InputError: an unknown key, or a value that it cannot have.
         """
         if self.scenario is not None:
             parts(self._tables(values))
