@@ -30,6 +30,7 @@ LARGEST, SMALLEST = float(_SINGLE.max), float(_SINGLE.tiny)  # the latter of pos
 MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 
 _SHORT = Repr()
+# characters of a value in a message; half, twice: shorter and longer messages
 _SHORT.maxstring = _SHORT.maxother = 60
 
 

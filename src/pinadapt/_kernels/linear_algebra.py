@@ -8,7 +8,8 @@ import numpy as np
 
 from .._compiled import compiled
 
-_LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
+# (|J|_F / s)^2; the Gram matrix cannot tell more from rounding; half, twice: all runs the same
+_LOST_RANK = 1e14
 
 
 @compiled("Tuple((f8, b1))(f8[:,:], f8, f8[:], f8[:], f8[:,::1])", fills=2)

@@ -9,7 +9,8 @@ import numpy as np
 from .._compiled import compiled
 
 PER_BODY = 10
-_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
+# [kg] pin.Inertia stores mc / m, which loses its digits below this mass; half, twice: the same
+_LEAST_MASS = 1e-6
 
 
 @compiled("f8(f8[:], f8[:])")
@@ -28,7 +29,8 @@ def take(pi: np.ndarray, inertial: np.ndarray) -> float:
     return c
 
 
-LEAST_DEPTH = 0.1  # of a camera, relative to that at home
+# of a camera, relative to that at home; half, twice: the same errors in pictures
+LEAST_DEPTH = 0.1
 
 
 @compiled(

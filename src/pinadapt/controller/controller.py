@@ -43,9 +43,13 @@ from .sensing import Senses
 from .state import ControllerState
 
 _HELD = Frozen()
-PERIOD = 1e-3  # [s] of a controller that was made for none
-_SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
-_DAMPED = 0.3  # of its speed that a joint loses in a period, at most
+# [s] of a controller that was made for none: the rate of most arms' interfaces; half and twice:
+# damping of ``safe`` twice and half as fast at most
+PERIOD = 1e-3
+# Of the torque limits, that a spring of an arm at rest may take; and of its speed that a joint
+# loses in a period, at most. Half and twice: arms drift as far after every fault.
+_SPRING = 0.5
+_DAMPED = 0.3
 
 
 class Controller:

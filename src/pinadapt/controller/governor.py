@@ -27,7 +27,8 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-_SPARE = 0.05  # [s] by which a frame may be older than the camera explains
+# [s] by which a frame may be older than the camera explains; half, twice: the same runs
+_SPARE = 0.05
 
 
 class PathTime(NamedTuple):
@@ -287,4 +288,5 @@ class PathGovernor:
         return PathTime(1.0 - rate, acceleration, w * (y_rate - acceleration), name)
 
 
-_DONE = 1e-4  # of the rate: the path counts as fast as its time again
+# of the rate: the path counts as fast as its time again; half, twice: the same runs
+_DONE = 1e-4

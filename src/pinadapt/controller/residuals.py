@@ -45,10 +45,15 @@ _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an ar
 # a Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
 # cameras with 4 mm of noise that is not declared are.
 _FRAME, _OFFSET = 0.02, 0.1
-_MOVING = 0.33  # of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint
+# of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint; half, twice: the same
+# faults of a Kinova are told at the same times
+_MOVING = 0.33
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
-_BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
-_AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
+# [rad or m] by which real arms stand beyond their limits; degrees are farther; half, twice: the
+# same
+_BEYOND = 0.18
+# of the first orientation; another order of a quaternion is farther; half, twice: the same
+_AWRY = math.radians(30.0)
 
 JOINTS, FRAME, TORQUE, TIME = range(4)  # the channels that are bridged
 # What may be wrong: channel, signal, flaw, guess, and the guard that looks for it.

@@ -55,7 +55,9 @@ OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-_WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
+# of the motion, from which not even the calibrated robot explains it; half: the same verdicts;
+# twice: frames of another clock are trusted
+_WORST = 0.02
 _OWN = "offset"
 
 
@@ -277,8 +279,9 @@ def calibrate(
 
 # What was measured
 
-_BLOCKS = 12  # of time, some of which are held out
-_TURNED = 0.5  # [rad] that no base is mounted off its description
+# of time, some of which are held out; half, twice: held-out errors of other frames, by a sixth
+_BLOCKS = 12
+_TURNED = 0.5  # [rad] that no base is mounted off its description; half, twice: the same verdicts
 
 
 class _MeasuredFrames(NamedTuple):
@@ -368,9 +371,9 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
 
 # What is unknown
 
-_OFFSET = 3.0  # times the deviations of a description: of the offset of an encoder
-_TOOL = (1.0, 0.5)  # a turn [rad] and a shift [reaches] of the tool
-_TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
+# A turn [rad] and a shift [reaches] of a tool, and of the base in the axes of a tracker, of which
+# nothing is known; half, twice: the same geometries.
+_ANYWHERE = (10.0, 100.0)
 
 
 class _Unknown(NamedTuple):
@@ -414,16 +417,17 @@ class _Unknown(NamedTuple):
             word(given, known, "unknown")
         found = []
         labels = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
+        turn, shift = _ANYWHERE
+        vague = np.repeat([shift * robot.reach, turn], 3)
         for joint, name in enumerate(robot.joint_names, 1):
             axes, own = axes_of(model, joint)
             prior = np.repeat([SHIFT * robot.reach, TURN], 3)
-            prior[own] *= _OFFSET
             if tracked := joint == FIRST and base is not None:
                 turned = base.rotation @ model.jointPlacements[FIRST].rotation
                 axes = np.kron(np.eye(2), turned).T
                 own = -1
                 name = TRACKER
-                prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
+                prior = vague
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
             for k, label in enumerate(labels):
                 if whole or (k == own and OFFSETS in words):
@@ -431,10 +435,9 @@ class _Unknown(NamedTuple):
                     along = not tracked and k % 3 == own % 3
                     found.append((full, joint, axes[:, k], prior[k], along))
         if TOOL in words:  # a position does not show how a tool is turned
-            prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
             for k in range(task.size):
                 name = f"{TOOL}.{labels[k]}"
-                found.append((name, model.njoints, np.eye(6)[k], prior[k], False))
+                found.append((name, model.njoints, np.eye(6)[k], vague[k], False))
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
@@ -613,7 +616,8 @@ def _fitted(
     return found
 
 
-_KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
+# weight of columns that the QR is to take last; half, twice: the same geometries
+_KEPT_LAST = 1e-4
 
 
 def _identified(along: np.ndarray, rows: np.ndarray) -> np.ndarray:

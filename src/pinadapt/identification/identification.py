@@ -45,9 +45,10 @@ from .report import Identification
 from .selection import choose_effects, with_shafts
 from .torque_check import check_torques, on_wall
 
-_FEWEST = 4  # windows, both in the fitted and in the held-out part
-_PAUSE = 5.0  # [s] between logs, longer than any window
-_TIMES = 20  # at which estimates are asked for, for the picture
+# windows, both in the fitted and in the held-out part; half, twice: shorter and longer logs refused
+_FEWEST = 4
+_PAUSE = 5.0  # [s] between logs: longer than any window, whatever it is; half, twice: the same
+_TIMES = 20  # at which estimates are asked for, for the picture: half, twice as many points
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

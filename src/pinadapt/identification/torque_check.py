@@ -43,7 +43,9 @@ from .logged_motion import motion_of_log
 # Factors between which a joint is as described. Half as wide refuses worn or wrongly described
 # arms, twice as wide accepts a robot of another size.
 _FACTORS = (0.5, 2.2)
-_CLEAR = 0.75  # correlation of a clear relation
+# correlation of a clear relation; half: the same verdicts, with more joints named; 0.9: three of 27
+# mistakes are accepted
+_CLEAR = 0.75
 _LEAST = 0.4  # correlation, and share of a joint's torque, from where on a relation may be there
 # Of the largest described torque, from where on a joint is judged: half as much judges wrists whose
 # friction hides everything else, twice as much overlooks light joints.
@@ -64,7 +66,8 @@ HEAVIEST = 1.0 / 3.0
 # third joint.
 _LEAST_ANGLE = 0.1
 _EPS = np.finfo(float).eps
-_LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
+# of a joint's torque, that no description explains; for exact logs; half, twice: the same verdicts
+_LEAST_RESIDUAL = 0.02
 
 
 class JointFactor(NamedTuple):

@@ -29,9 +29,14 @@ from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from .measured_motion import at_times, evenly, motion_of_samples
 
-BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
-_UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
-_OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
+# [s] over which rows of the torque are averaged, so that their noise is independent; half, twice:
+# the same held-out errors and loads
+BLOCK = 0.05
+# share of the largest singular value up to which a direction was not excited, and share of a
+# gradient that may lie along such directions; half, twice: the same parameters of logs are
+# identified
+_UNEXCITED = 1e-5
+_OUTSIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,8 @@ from ..robot.robot import LOAD, Robot
 from ..tuning.defaults import INERTIA, prior_covariance
 from .information import Information, dynamic_information, estimate_table
 
-LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
+# of a torque, of which no model of an arm explains more; half, twice: the same loads
+LEAST_NOISE = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)

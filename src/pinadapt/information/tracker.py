@@ -37,6 +37,7 @@ from .information import (
     spread,
 )
 
+# Half and twice of each of these: the same trackers, and the same mistakes of frames named.
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
 _SCALE = 0.7  # logarithm by which the size of a motion may differ

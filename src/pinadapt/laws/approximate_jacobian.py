@@ -100,9 +100,12 @@ def _ratio(u: np.ndarray) -> np.ndarray:
     return np.divide(np.tanh(u), u, out=np.ones(u.size), where=u > 0.0)
 
 
-_WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
-_NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
-_WEIGHT = 0.6  # for which the tolerated error of the Jacobian is largest
+# of the reach; [rad]; half: the same; twice: bounded torques near gravity exceed their bound
+_WIDTH, _TURN = 0.05, 0.1
+# in bandwidths, the slowest mode that is damped critically; half: the same; twice: as above
+_NULL = 0.5
+# for which the tolerated error of the Jacobian is largest; half: as above; twice: the same
+_WEIGHT = 0.6
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from ..signals import Signals
 from ..tasks.task import JointTask
 from .law import Command, EstimatedModel, Law, Truth
 
-_STEP = 0.4  # of the motor's inertia over the period, at most
+# of the motor's inertia over the period, at most; half: springs ring; twice: the same
+_STEP = 0.4
 
 
 @dataclass(frozen=True, eq=False)

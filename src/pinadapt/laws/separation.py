@@ -33,12 +33,13 @@ from .law import (
 )
 from .posture import Posture
 
-_DAMPING = 3.0  # K_v in bandwidths times inertia
+_DAMPING = 3.0  # K_v in bandwidths times inertia; half, twice: docs/default_law.md
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
 # UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
 _ARM = 0.05  # of the reach: of the load assumed for K_D; half or twice: docs/default_law.md
-_LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
+# of the reach; with all of it, late noisy frames disturb the start; half, twice: the same errors
+_LEVER = 0.25
 
 
 @dataclass(frozen=True, eq=False)

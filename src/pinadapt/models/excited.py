@@ -20,7 +20,9 @@ from .dynamics import Dynamics
 from .physical_fit import LEAST, around
 from .regressor import LABELS
 
-IDENTIFIABLE = 0.01  # share of the torques from which a combination is identifiable in practice
+# share of the torques from which a combination is identifiable in practice; half, twice: the same
+# runs
+IDENTIFIABLE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
