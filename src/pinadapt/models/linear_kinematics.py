@@ -56,7 +56,7 @@ OFF = 0.1
 # half, twice of these bounds: the same runs
 BOUND = 10.0  # bounds: of the sizes of displacements and of cameras, of the reach for the base, and
 # of a nominal length, whose shortest is the inverse
-_WIDE = 0.5  # of the reach: bounds of a translation, but of the base
+_WIDE = 0.5  # of the reach: bounds of a translation, but of the base; half, twice: the same runs
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:

@@ -31,7 +31,8 @@ from .dynamics import Dynamics
 from .regressor import PER_BODY
 
 _FALL = 3.0  # of gamma, from one value to the next; its root, its square: the same fits
-LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
+# of a typical parameter: what stands for one that is not positive; half, twice: the same fits
+LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ from .._kernels.models import PER_BODY
 from ..exceptions import InputError
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-SAMPLES = 30  # states that stand for all; 20 suffice to compare two models of seven joints
+# states that stand for all; half: errors of a Panda with late motors 40 % larger, twice: 3 % larger
+SAMPLES = 30
 State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
 UNITS = "kg", "kg m", "kg m", "kg m", *("kg m^2" for label in LABELS if label.startswith("I"))
 

@@ -30,7 +30,8 @@ from ..records import Measurement
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
 
-_MISSED = 3  # cycles without a reply after which a motor is lost
+# cycles without a reply after which a motor is lost; one: a single lost message ends a run
+_MISSED = 3  # twice: the others move on for twice as long
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
 

@@ -44,16 +44,19 @@ from .processes import Scheduling
 from .recorder import Phase, Recorder, load_of
 from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
-_WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
-_ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
+# Steps before the first cycle, by which all kernels have run, and how far [m or rad] they aim
+# beside the arm, as estimates rest where nothing is off; half, twice: the same.
+_WARM_UPS = 60
+_ASIDE = 2e-3
 _HALT = 0.3  # [s] until the path rests; half or twice: at twice or half the deceleration
 # [s] of holding until the arm is damped, at most for twice as long, and without a finding until the
 # adaptation goes on; half or twice: both come as much sooner or later
 _SETTLED = 0.5
 _RINGING = 2.0  # [s] of torques of which the last second is searched for ringing; twice: two
-_FREE = 0.5  # [1/s] damping of a free drive
+_FREE = 0.5  # [1/s] damping of a free drive; half, twice: the arm is braked half, twice as much
 _SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
-_PATIENCE = 2.0  # [s] for the first frame of a camera
+# [s] for the first frame of a camera; half, twice: without one the loop is refused sooner, later
+_PATIENCE = 2.0
 
 
 class Stage(str, Enum):

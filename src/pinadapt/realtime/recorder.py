@@ -45,8 +45,10 @@ if TYPE_CHECKING:
 
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
 _STATED = ("t", "a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual", "step_us")
-_ROWS = 8192  # of the ring: eight seconds at 1 kHz
-_CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
+_ROWS = 8192  # of the ring: eight seconds at 1 kHz; half, twice: four, sixteen
+# [s] of a chunk of the file, the last of which a killed process loses; half, twice: half, twice of
+# it
+_CHUNK = 0.05
 
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # with which a message of CDR begins
 _LINE = "================================================================================"

@@ -29,7 +29,8 @@ from .recorder import Phase
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
-_LOST = 0.1  # of the last torques; libfranka's communication_test calls more insufficient
+# of the last torques; libfranka's communication_test calls more insufficient; half, twice: the same
+_LOST = 0.1
 
 # Words of the checks
 _STALE = "the last {value} measurements are of the same instant"

@@ -28,7 +28,8 @@ from .robot import Robot
 
 # of the tool as described, relative to the reach; half, twice: two, three of 129 radii change
 TOOL_ERROR = 0.05
-# radii tried: a geometric sequence down to 2 % of the largest; finer: radii up to a tenth larger
+# radii tried: a geometric sequence down to 2 % of the largest; half, twice as many in it: the same
+# of twenty robots
 _RATIO, _SIZES = 0.8, 18
 _STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
 # relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles

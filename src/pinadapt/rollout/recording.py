@@ -219,7 +219,9 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
     return ringing(t, tau, names, *slowest)
 
 
-CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
+# [m or rad] error below which a run without extent has recovered from an event; half, twice: the
+# same
+CLOSE = 1e-3
 
 # Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
 # that is taken as its extent: half or twice of them, and half or twice as large errors follow.

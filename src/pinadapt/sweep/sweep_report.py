@@ -25,7 +25,8 @@ from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = "map.png", "bands.png"
-PERCENTILES = (0.05, 0.5, 0.95)  # of the results that are stated
+# of the results that are stated: the middle, and the ends of nine tenths of them
+PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
 

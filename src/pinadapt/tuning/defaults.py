@@ -55,7 +55,8 @@ def rate_for(mode: float, effects: ArrayLike, unit: Adaptation, at: Estimate) ->
     return (mode / natural) ** 2 if natural > 0.0 else 1.0
 
 
-INERTIA, LENGTH = UNCERTAINTY, 0.1  # relative standard deviations
+# relative standard deviations; half, twice of the second: the same runs of the published laws
+INERTIA, LENGTH = UNCERTAINTY, 0.1
 _OWN, _COMMON = 0.1134, 0.0167  # second moments of exp(0.3 W) - 1, by six million samples
 
 
