@@ -44,9 +44,10 @@ from .processes import Scheduling
 from .recorder import Phase, Recorder, load_of
 from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
-# Steps before the first cycle, by which all kernels have run, and how far [m or rad] they aim
-# beside the arm, as estimates rest where nothing is off; half, twice: the same.
+# Steps before the first cycle, by which all kernels have run; half: the same; twice: the loop starts
+# later than ``tell`` waits for it.
 _WARM_UPS = 60
+# [m or rad] that they aim beside the arm, as estimates rest where nothing is off; half, twice: same
 _ASIDE = 2e-3
 _HALT = 0.3  # [s] until the path rests; half or twice: at twice or half the deceleration
 # [s] of holding until the arm is damped, at most for twice as long, and without a finding until the
