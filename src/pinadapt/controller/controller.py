@@ -337,12 +337,12 @@ class Controller:
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        return state._replace(
-            dynamic=self.adaptation_d.recorded(state.dynamic),
-            kinematic=self.adaptation_k.recorded(state.kinematic),
-            torque_filter=(),
-            start=None,
-        )
+        dynamic = self.adaptation_d.recorded(state.dynamic)
+        kinematic = self.adaptation_k.recorded(state.kinematic)
+        same = dynamic is state.dynamic and kinematic is state.kinematic
+        if same and not state.torque_filter and state.start is None:
+            return state
+        return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=(), start=None)
 
     def disturbance(self, state: ControllerState) -> np.ndarray | None:
         """Return the torque (n) that acts on the joints and is not in the model [N m or N].

@@ -48,6 +48,7 @@ class FittedMidpoint:
         self._rotors = np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._constraints = robot.constrained
+        self._free = not (robot.friction.present or robot.constraints)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -67,7 +68,7 @@ class FittedMidpoint:
         robot = self._robot
         model = self._model
         data = self._data
-        if not (robot.friction.present or robot.constraints):
+        if self._free:
             return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)

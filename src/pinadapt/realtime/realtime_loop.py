@@ -44,8 +44,8 @@ from .processes import Scheduling
 from .recorder import Phase, Recorder, load_of
 from .safety import STILL, Checklist, Safety, SafetyFinding, limited_torque
 
-# Steps before the first cycle, by which all kernels have run; half: the same; twice: the loop starts
-# later than ``tell`` waits for it.
+# Steps before the first cycle, by which all kernels have run; half: the same; twice: it starts
+# later than ``tell`` waits for the loop.
 _WARM_UPS = 60
 # [m or rad] that they aim beside the arm, as estimates rest where nothing is off; half, twice: same
 _ASIDE = 2e-3

@@ -128,28 +128,33 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-        return self._mapped(model, data, frame, pin.getFrameJacobian)
+
+        def part(own: int) -> Moving:
+            placement = pin.updateFramePlacement(model, data, own)
+            J = pin.getFrameJacobian(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            return self.of(placement), self.jacobian(placement, J)
+
+        return self._of_frames(frame, part)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
-        x, xd = self._mapped(
-            model, data, frame, lambda *of: pin.getFrameVelocity(*of).vector[:, None]
-        )
-        return x, xd[:, 0]
 
-    def _mapped(
-        self, model: pin.Model, data: pin.Data, frame: int, map_of: Callable[..., np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and the task's rows of a map (6, n) of each frame, LOCAL_WORLD_ALIGNED."""
-        found = []
-        for own in self.frames.values() or [frame]:
+        def part(own: int) -> Moving:
             placement = pin.updateFramePlacement(model, data, own)
-            J = map_of(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            found.append((self.of(placement), self.jacobian(placement, J)))
-        x, rows = zip(*found, strict=True)
+            return self.moving(
+                placement, pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            )
+
+        return self._of_frames(frame, part)
+
+    def _of_frames(self, frame: int, part: Callable[[int], Moving]) -> Moving:
+        """Return two arrays of all frames, given those of each; a task without names is of one."""
+        if not self.frames:
+            return part(frame)
+        x, rows = zip(*map(part, self.frames.values()), strict=True)
         positions = self.positions // self.count
         return joined(x, positions), joined(rows, positions)
 
