@@ -582,15 +582,12 @@ class Controller:
         found = self._forces.solve(s.q, command.torque, s.stands)
         return self._forces.of_contacts(found.forces)
 
-    def respond(
-        self, state: ControllerState, s: Signals, dt: float | None = None
-    ) -> tuple[np.ndarray, Drives]:
+    def respond(self, state: ControllerState, s: Signals) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for signals of ``observe`` [N m or N], and the drives.
 
         Args:
             state: of which the signals are.
             s: the signals; ``s.a`` may be replaced by another acceleration.
-            dt: time for which the torque is held [s]; None in an integration in continuous time.
 
         Raises:
             InputError: another thread is using this controller.
@@ -598,7 +595,7 @@ class Controller:
         with self.reserved():
             self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
             self.dynamics.load(s.a_d)
-            return self.sent(s, self.law.command(s, self._model(state, s, dt)))
+            return self.sent(s, self.law.command(s, self._model(state, s, None)))
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.

@@ -147,7 +147,7 @@ def limits_for(
     still = np.zeros(robot.model.nv)
     kinematics.update(kinematics.initial, robot.q0, still)
     s_home = kinematics.inverse(robot.q0, still, 1.0).conditioning  # damped: no home is refused
-    size = float(np.linalg.norm(dynamics.initial)) + robot.mass + robot.reach
+    size = np.linalg.norm(dynamics.initial) + robot.mass + robot.reach
     torque = torque_limits(robot, limits.torque)
     path = None
     if limits.governor:

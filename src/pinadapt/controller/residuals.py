@@ -292,7 +292,7 @@ class Guards:
         i = int(np.argmax(wrong))
         size = monitor.joints[kernels.SIZE, i]
         bound = monitor.joints[kernels.BOUND, i]
-        summed = bool((kinds == kernels.APART).any())  # a sum beyond its bound has lasted
+        summed = (kinds == kernels.APART).any()  # a sum beyond its bound has lasted
         self._bridge(_OF_JOINTS[int(kinds[i])], sample, size, bound, monitor, i, summed)
 
     def bridge_torque(
@@ -360,7 +360,7 @@ class Guards:
         if self.frames is None or sample.x is None:
             return
         error = kinematics.task.error(sample.x, kinematics.x_hat)[kinematics.positions :]
-        turn = float(np.linalg.norm(error))
+        turn = math.hypot(*error)
         if turn > _AWRY:
             self._bridge(_TURNED, sample, turn, _AWRY, monitor, at_once=True)
 

@@ -144,7 +144,7 @@ def _furthest(model: pin.Model, joint: int) -> np.ndarray:
 
 def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
     """Return a cylinder of 1 kg/m^3 from the origin to ``end`` (3) [m]; a ball if it is short."""
-    length = float(np.linalg.norm(end))
+    length = np.linalg.norm(end)
     if length <= radius:
         return pin.Inertia.FromSphere(4.0 / 3.0 * np.pi * radius**3, radius)
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()

@@ -605,7 +605,7 @@ class Estimator:
         With s the share of a gear and l the load, the columns E of ``carried`` add s E l.
         """
         # a load that is unknown from the start cannot be told from an unknown last body
-        known = state.load is not None and (self._alone or bool(state.past.any()))
+        known = state.load is not None and (self._alone or state.past.any())
         S = np.eye(len(self._B))
         shares = known * a[self._shares]
         load = known * a[self._load]

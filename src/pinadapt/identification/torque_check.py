@@ -417,7 +417,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
 def _mountings(motion: _Motion) -> Iterator[_Motion]:
     """Yield the motion of a robot with gravity along the other axes of its base."""
     down = motion.robot.model.gravity.linear
-    size = float(np.linalg.norm(down))
+    size = np.linalg.norm(down)
     for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
         if not np.allclose(gravity, down, atol=0.1 * size):
             yield motion._replace(robot=ImportOptions(gravity=gravity).mounted(motion.robot))

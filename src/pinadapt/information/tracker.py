@@ -236,7 +236,7 @@ class _Seen(NamedTuple):
 
     def noise(self, residual: np.ndarray, parameters: int) -> float:
         """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
-        variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
+        variance = np.sum(residual**2) / max(1, residual.size - parameters)
         return max(math.sqrt(variance), LEAST_NOISE * self.kinematics.robot.reach)
 
     def check(self, left: np.ndarray, sigma: float, motion: float) -> None:
@@ -247,8 +247,8 @@ class _Seen(NamedTuple):
         Raises:
             LogError: too much is left.
         """
-        size = float(np.vdot(left, left))
-        alike = float(np.vdot(left[1:], left[:-1]))
+        size = np.vdot(left, left)
+        alike = np.vdot(left[1:], left[:-1])
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
         raise LogError(

@@ -150,7 +150,7 @@ class ImportOptions:
         if self.gravity is None and self.mount in (None, "wall"):
             return robot
         model = robot.model.copy()
-        size = float(np.linalg.norm(model.gravity.linear))
+        size = np.linalg.norm(model.gravity.linear)
         down = {"floor": -size, "ceiling": size}
         gravity = (0.0, 0.0, down[self.mount]) if self.mount else self.gravity
         model.gravity.linear = np.asarray(gravity, dtype=float)

@@ -66,7 +66,7 @@ class Dynamics:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
         self._model: Regressor | VirtualChains = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
-        self._rotors = bool(self._armature.any())  # not where they are those of the joints' block
+        self._rotors = self._armature.any()  # not where they are those of the joints' block
         self._pi = inertial_parameters(robot.model)
         self.B = B
         self._known = known

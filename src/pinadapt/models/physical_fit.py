@@ -239,7 +239,7 @@ def _newton(
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step = T @ u
-        fall = float(np.sum((rows @ u) ** 2))
+        fall = np.sum((rows @ u) ** 2)
         if fall <= ROUNDING * gamma:
             return a
         share = 1.0

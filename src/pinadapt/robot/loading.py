@@ -170,7 +170,7 @@ def load(
     ends = end_links(model, found.mimics)
     moving = chain_joints(model, frame_id(model, known[0])) if known and found.closures else []
     hangs = any(str(model.names[joint]) in found.passive for joint in moving)  # in loops
-    whole = free or bool(closed) or hangs or (not known and task == JOINT)
+    whole = free or closed or hangs or (not known and task == JOINT)
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
@@ -239,7 +239,7 @@ def _load_chain(
         passive: joints without motors.
     """
     described = found.model
-    whole = free or bool(constraints) or not frames
+    whole = free or constraints or not frames
     joints = set(range(1, described.njoints))
     floating = {joint for joint in joints if is_free_flyer(described.joints[joint])}
     locks = {changes.joint_id(described, name, "locked") for name in locked}

@@ -107,10 +107,10 @@ class Actuators:
         if np.any(self.delay):
             parts.append(f"motors that are {1e3 * float(np.max(self.delay)):.3g} ms late")
         if np.isfinite(self.bandwidth).any():
-            parts.append(f"motors of {float(np.min(self.bandwidth)):.3g} rad/s")
+            parts.append(f"motors of {np.min(self.bandwidth):.3g} rad/s")
         if self.elastic:
             behind = " with encoders at the links" if self.encoders == "link" else ""
-            parts.append(f"joints of {float(np.min(self.stiffness)):.3g} N m/rad{behind}")
+            parts.append(f"joints of {np.min(self.stiffness):.3g} N m/rad{behind}")
         return " and ".join(parts)
 
     def of(self, robot: Robot) -> JointActuators:
@@ -158,7 +158,7 @@ class LateTorque:
         delays = np.unique(joints.delay).tolist()
         self._delayed = [(delay, joints.delay == delay) for delay in delays]
         self._bandwidth = joints.bandwidth
-        self._smooth = bool(np.isfinite(joints.bandwidth).any())
+        self._smooth = np.isfinite(joints.bandwidth).any()
 
     def after(
         self,

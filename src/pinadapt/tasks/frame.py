@@ -434,7 +434,7 @@ def pinhole_camera(
     at = vector(target, 3, "target", fills=False)
     (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
     f = positive(focal, "focal", error=InputError)
-    away = float(np.linalg.norm(at - eye))
+    away = np.linalg.norm(at - eye)
     if not away > 0.0:
         raise InputError("the camera looks at the point where it stands.", where="target")
     forward = (at - eye) / away

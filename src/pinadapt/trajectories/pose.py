@@ -211,7 +211,7 @@ def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:
         InputError: not four finite numbers, or a length that differs from 1 by more than 1 %.
     """
     q = vector(value, 4, name, names=("x", "y", "z", "w"), fills=False)
-    length = float(np.linalg.norm(q))
+    length = np.linalg.norm(q)
     if abs(length - 1.0) > 0.01:
         raise InputError(
             f"a quaternion xyzw of length 1 is expected, got length {length:.4g}.", where=name

@@ -263,7 +263,7 @@ def nominal_dynamics(
     said = {**dict.fromkeys(USUAL, unknown.friction), "armature": unknown.armature}
     kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
     kinds += chosen_kinds(unknown.effects)
-    stacked = bool(kinds) or robot.friction.present
+    stacked = kinds or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case
     if unknown.basis is not None:
