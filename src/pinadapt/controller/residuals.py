@@ -338,7 +338,7 @@ class Guards:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
         if self.frames is None:
-            size = float(np.linalg.norm(error))
+            size = math.hypot(*error)
             bound = self.farthest
             fit = None
         else:
