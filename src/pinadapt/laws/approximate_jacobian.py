@@ -379,7 +379,7 @@ class BoundedTorque(ApproximateJacobian):
             torques = positive_numbers(getattr(self, name), name, self.kinematics.nv)
             object.__setattr__(self, name, torques)
         if not (self.brake_limit > 0.0).all():
-            i = int(np.argmin(self.brake_limit))
+            i = np.argmin(self.brake_limit)
             raise GainError(
                 f"nothing is left of {self.kinematics.joint_names[i]}'s {self.bound[i]:.4g} N m or "
                 f"N for damping: gravity's share is {self.gravity[i]:.4g}.",
@@ -424,7 +424,7 @@ class BoundedTorque(ApproximateJacobian):
             part = room / np.maximum(spring, room)
             narrower = (part.min() if kinematics.positions else part) ** (1.0 / 3.0)
             K_P = narrower**2 * gains["K_P"]
-            slower = float(np.min(narrower))
+            slower = np.min(narrower)
             gains |= {"K_P": K_P, "width": narrower * width, "bandwidth_share": slower}
             gains["K_v"] = _joint_damping(motion, K_P, slower * w)
         return cls(kinematics, **gains)

@@ -260,7 +260,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
             f"least {_SHORTEST:g} s are needed, and a sample each {_LONGEST_PERIOD:g} s.",
             "Are the times in seconds? --rate HZ replaces them.",
         )
-    share = float(np.mean(repeated(log)))
+    share = np.mean(repeated(log))
     if share > _REPEATED:
         refuse(
             "t",
