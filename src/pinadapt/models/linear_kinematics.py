@@ -66,7 +66,7 @@ def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
     do not contain the joint's axis is turned so that its z axis is that of the joint.
     """
     axis = axis_of(model, joint)
-    k = np.argmax(np.abs(axis))
+    k = int(np.argmax(np.abs(axis)))
     basis = np.eye(3)
     if abs(abs(axis[k]) - 1.0) > 1e-9:
         k = 2
