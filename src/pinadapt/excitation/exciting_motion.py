@@ -35,9 +35,9 @@ from .allowance import Allowance, Shapes, States
 
 _NOISE = 0.01  # of the effort limit; half or twice as much changes the stated uncertainty by that
 # Instants per harmonic, in the search and in the last check: half and twice of the first: 88 and 93
-# nat of a UR5, in half and twice the time; of the second: the same motions.
+# nat of a UR5; of the second: the same motions.
 _PER_HARMONIC, _FINE = 16, 120
-# Half and twice: 91 and 90 nat; 86 and 97 nat, in half and twice the time.
+# Half and twice of the first: 91 and 90 nat; of the second: 86 and 97.
 _STARTS, _ITERATIONS = 24, 60
 # [nat] for exceeding an allowance by its own size at all instants; half, twice: 77 and 90 nat
 _PENALTY = 200.0

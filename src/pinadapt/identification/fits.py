@@ -81,7 +81,7 @@ def torque_fit(
     beyond = np.abs(a - nearest) > _WEIGHED * np.abs(nearest)
     if not beyond.any():
         gains = np.ones(windows.tau.shape[1] if gain else 0)
-        return torque_information(a, windows, stated, gains, gain).of_first(a.size)
+        return torque_information(a, windows, stated, gains, gain).marginal(a.size)
     rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
     stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
     others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
@@ -117,7 +117,7 @@ def torque_information(
     rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (0, n)))])
     off = (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)
     y = np.concatenate([(residual / noise).ravel(), *off])
-    return Information((*windows.names, *n * [""]), np.append(a, np.ones(n)), *square(rows, y))
+    return Information((*windows.names, *[""] * n), np.append(a, np.ones(n)), *square(rows, y))
 
 
 def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
@@ -232,7 +232,7 @@ def load_fit(
         words = tuple(f"{name}.gain" for name in robot.joint_names)
         R = np.diag(1.0 / step.deviations[-len(gains) :])
         known = Information(words, gains, R, 0.0 * gains)
-    found = found.of_first(PER_BODY)
+    found = found.marginal(PER_BODY)
     value, gradient = of_load(robot, found.estimate)
     return PayloadEstimate.of(value, found.deviation(gradient)), known
 

@@ -188,7 +188,7 @@ class Identification(Printed):
         windows = self.windows.between(last=self.split) if self.tested else self.windows
         a = self.dynamic.estimate
         gains = np.ones(windows.tau.shape[1])
-        found = torque_information(a, windows, self.stated, gains, gain).of_first(a.size)
+        found = torque_information(a, windows, self.stated, gains, gain).marginal(a.size)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
         return PayloadEstimate.of(own, known, plain.explained)

@@ -130,8 +130,8 @@ class Information:
         less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
         return replace(self, R=self.R - less @ self.R, c=self.c - less @ self.c)
 
-    def of_first(self, count: int) -> Information:
-        """Return the information on the first parameters, whatever the others are."""
+    def marginal(self, count: int) -> Information:
+        """Return the marginal information on the first parameters, whatever the others are."""
         U, _, _ = replace(self, R=self.R[:, count:])._singular
         R, c = (part - U @ (U.T @ part) for part in (self.R[:, :count], self.c))
         return Information(self.names[:count], self.estimate[:count], R, c)

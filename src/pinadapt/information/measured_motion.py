@@ -25,9 +25,9 @@ from ..controller.state import Sample
 # and a load of 17-bit encoders not known; twice: 1 % smaller, its centre 0.5 mm off in place of 0.4
 CUTOFF = 15.0
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
-# windows at any time; 2: a Panda's held-out error 13 % larger; 6: 3 % larger, in twice the time
+# windows at any time; 2: a Panda's held-out error 13 % larger; 6: 3 % larger
 OVERLAP = 3
-# samples in a window, which is longer for a log of a lower rate; half: the error of a Panda at 35
+# samples in a window, which is longer for a log of a lower rate; half: the error of a Panda at 30
 # Hz is twice as large; twice: windows of a second, whose errors do not compare
 FEWEST = 16
 

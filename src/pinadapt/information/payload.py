@@ -268,7 +268,7 @@ class ArmPrior:
 
     def change(self, found: Information) -> Information:
         """Return the information on the bodies less their mean, whatever the coefficients are."""
-        bodies = found.of_first(len(self.mean))
+        bodies = found.marginal(len(self.mean))
         return replace(bodies, estimate=bodies.estimate - self.mean)
 
     def after(self, found: Information) -> ArmPrior:

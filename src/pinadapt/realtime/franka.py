@@ -36,7 +36,7 @@ from .arm import Arm, ArmFacts
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m], the vendor's limits
 # [N m] for the reflex of the joints, and [N], [N m] for that of the flange: those of the vendor's
 # examples, about twice for the first joints and the forces. Half: the 3 kg that the arm may carry
-# stop it while they are not known; twice: more than the wrist's motors give.
+# stop it while they are not known, 25 N m stretched out; twice: nearly all that the motors give.
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)
 FORCES = np.repeat((40.0, 25.0), 3)
 _RECOVER = (

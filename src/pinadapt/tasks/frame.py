@@ -151,7 +151,7 @@ class FrameTask(Task):
         return self._of_frames(frame, part)
 
     def _of_frames(self, frame: int, part: Callable[[int], Moving]) -> Moving:
-        """Return two arrays of all frames, given those of each; a task without names is of one."""
+        """Return x and rows of all frames, given those of each; without names, of this one."""
         if not self.frames:
             return part(frame)
         x, rows = zip(*map(part, self.frames.values()), strict=True)
