@@ -243,7 +243,8 @@ class StackedDynamics(Dynamics):
         self.per_body = inertial.per_body
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
-        self._shafts = joints.tables[-1]
+        D = joints.tables[-1]
+        self._shafts = np.einsum("si,sj->ijs", D, D).reshape(-1, len(D))  # D^T diag(rotors) D
         self._places = np.ravel_multi_index(joints.places, self._values.shape)
         self._values.put(self._places, joints.initial)
 
@@ -272,7 +273,7 @@ class StackedDynamics(Dynamics):
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
         M = self.inertial.mass_matrix(q)
-        M += (self._shafts.T * self._values[0]).dot(self._shafts)
+        M += self._shafts.dot(self._values[0]).reshape(M.shape)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

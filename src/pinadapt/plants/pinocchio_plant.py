@@ -65,11 +65,11 @@ class FittedMidpoint:
         self, q: np.ndarray, v: np.ndarray, start: np.ndarray, tau: np.ndarray, h: float
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
-        robot = self._robot
         model = self._model
         data = self._data
         if self._free:
             return pin.aba(model, data, q, v, tau)
+        robot = self._robot
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
         _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added

@@ -349,7 +349,8 @@ def record(
             last = sample.t
             if k % every == 0:
                 whole = sample
-                samples.append(sample._replace(state=controller.recorded(sample.state)))
+                state = controller.recorded(sample.state)
+                samples.append(sample if state is sample.state else sample._replace(state=state))
     except DivergedError as error:
         kept.diverged = error.time
         kept.reason = error.reason

@@ -106,7 +106,7 @@ class FrameTask(Task):
         k = self.count
         return joined([np.full(self.size // k, float(i)) for i in range(k)], self.positions // k)
 
-    @property
+    @cached_property
     def place(self) -> slice:
         """Rows of the frame's position."""
         return slice(self.rows.start, min(self.rows.stop, 3), self.rows.step)
@@ -117,10 +117,13 @@ class FrameTask(Task):
 
     def moving(self, placement: pin.SE3, motion: pin.Motion) -> Moving:
         """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
-        return self.of(placement), self.jacobian(placement, motion.vector[:, None])[:, 0]
+        return self.of(placement), self.jacobian(placement, motion.vector)
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
-        """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame."""
+        """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame.
+
+        Of a motion (6) of the frame the task velocity (m).
+        """
         return J[self.rows]
 
     def linear_map(
@@ -339,10 +342,10 @@ class ImageTask(PositionTask):
         return float(np.linalg.norm(self.nearest(p, y_d) - p))
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
-        """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""
+        """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian, or dy/dt of a motion."""
         y, (above, below) = self.of(placement), self.projections
         z = below[:, :3] @ placement.translation + below[:, 3]
-        return (above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None]
+        return (above - y[:, None] * below)[:, :3] / z[:, None] @ J[:3]
 
 
 @dataclass(frozen=True)

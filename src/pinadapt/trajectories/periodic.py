@@ -7,9 +7,11 @@ from copy import copy
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive, vector, word
+from .._kernels import trajectories as kernels
 from ..exceptions import InputError
 from ..records import Desired
 from .trajectory import Trajectory
@@ -63,8 +65,9 @@ class _Harmonic(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        x, xd, xdd = self._parts.dot(np.exp(self._iw * t)).real
-        return Desired(self.center + x, xd, xdd)
+        x = empty(self._parts.shape[:2])
+        kernels.harmonics(self.center, self._parts, self._iw, t, x)
+        return Desired(x[0], x[1], x[2])
 
 
 class _Sines(_Harmonic):
