@@ -23,8 +23,8 @@ from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .gradient import Gradient
 
 _BOX = "limits.box"
-# Of M_hat to M_0: where the projection acts, and the ratio that it restores. Half and twice: every
-# run of the zoo's arms is the same, as natural adaptation never comes here.
+# Of M_hat to M_0: where the projection acts, and the ratio that it restores. No run of the zoo's
+# arms comes here, also with half or twice of both.
 _LEAST_RATIO = 0.10
 _RESTORED_RATIO = 0.12
 _LOST = "the estimated mass matrix could not be kept positive definite."

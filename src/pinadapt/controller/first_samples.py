@@ -23,7 +23,8 @@ CERTAIN = 5.0  # standard deviations of what no noise explains: half: false alar
 _WINDOW = 0.012  # [s]; half: six samples at 1 kHz show little in noise, double: the arm falls four
 # times as far
 _FALLS = 0.8  # of the gravity in question; wrong inertias of a half more or a third less show 0.5
-# [rad/s^2 or m/s^2]: of smaller accelerations by gravity nothing shows; half, twice: the same runs
+# [rad/s^2 or m/s^2]: of smaller accelerations by gravity nothing shows; half, twice: the same runs;
+# a hundred times: gravity that is not declared is missed
 _STILL = 0.5
 _WINDOWS, _PATIENCE = 3.0, 20.0  # without a fault, after which the test is over, and [s] that count
 # as one where an arm rests; half: less of the motion is looked at, double: steps cost longer more

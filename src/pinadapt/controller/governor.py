@@ -27,7 +27,7 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-# [s] by which a frame may be older than the camera explains; half, twice: the same runs
+# [s] by which a frame may be older than the camera explains; no benchmark comes here
 _SPARE = 0.05
 
 
@@ -288,5 +288,5 @@ class PathGovernor:
         return PathTime(1.0 - rate, acceleration, w * (y_rate - acceleration), name)
 
 
-# of the rate: the path counts as fast as its time again; half, twice: the same runs
+# of the rate: the path counts as fast as its time again; a hundredth, a hundred times: the same
 _DONE = 1e-4

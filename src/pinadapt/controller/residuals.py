@@ -45,14 +45,14 @@ _SLOW, _NEAR = 1e-3, 1e-4  # [1/s] and share, of a radian or the reach, of an ar
 # a Panda is refused after 76 and 234 ms in place of 133, and 117 and 472; with half of the first,
 # cameras with 4 mm of noise that is not declared are.
 _FRAME, _OFFSET = 0.02, 0.1
-# of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint; half, twice: the same
-# faults of a Kinova are told at the same times
+# of the residual that M dv/dt has: 1 / 2 of a wrong sign, 0 of a held joint; half: pushes of an arm
+# are taken for a wrong sign, 2 of 90; twice: a wrong sign and swapped joints are not found
 _MOVING = 0.33
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
-# [rad or m] by which real arms stand beyond their limits; degrees are farther; half, twice: the
-# same
+# [rad or m] by which real arms stand beyond their limits; degrees are farther; no benchmark comes
+# here, also with a hundredth or a hundred times
 _BEYOND = 0.18
-# of the first orientation; another order of a quaternion is farther; half, twice: the same
+# of the first orientation; another order of a quaternion is farther; no benchmark comes here
 _AWRY = math.radians(30.0)
 
 JOINTS, FRAME, TORQUE, TIME = range(4)  # the channels that are bridged

@@ -38,7 +38,8 @@ _DAMPING = 3.0  # K_v in bandwidths times inertia; half, twice: docs/default_law
 # UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
 _ARM = 0.05  # of the reach: of the load assumed for K_D; half or twice: docs/default_law.md
-# of the reach; with all of it, late noisy frames disturb the start; half, twice: the same errors
+# of the reach; with all of it, late noisy frames disturb the start; half, twice: the last error of
+# an orientation in a tracker 2 % larger, 7 % smaller
 _LEVER = 0.25
 
 

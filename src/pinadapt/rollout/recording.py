@@ -219,8 +219,8 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
     return ringing(t, tau, names, *slowest)
 
 
-# [m or rad] error below which a run without extent has recovered from an event; half, twice: the
-# same
+# [m or rad] error below which a run without extent has recovered from an event; half, twice: a held
+# joint that is given 2 kg has after 0.17 and 0.13 s, in place of 0.15
 CLOSE = 1e-3
 
 # Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
