@@ -84,7 +84,7 @@ class Safety:
         camera: longest time without a frame beyond what the declared camera explains [s].
         stale: cycles with the same measurement after which the arm is damped.
         late: cycles that may be late in a short while, by the arm's clock or by this computer's;
-            one on time makes up for a fiftieth of one.
+            fifty on time make up for one.
         damping: rate at which a damped arm loses its speed [1/s].
 
     Raises:

@@ -321,7 +321,7 @@ class Record:
     """What is kept of a run.
 
     Attributes:
-        samples: one of so many.
+        samples: every so many-th of the run, see ``record``.
         diverged: time [s] at which the loop diverged, or None.
         reason: why, or None.
         interrupted: time [s] of the last sample before the user stopped the run, or None.

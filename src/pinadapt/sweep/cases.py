@@ -152,7 +152,7 @@ class Values:
         arguments = self.arguments
         if self.kind in DISTRIBUTIONS:
             if self.shape not in ((), (len(names),)):
-                raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
+                raise InputError(f"expected {len(names)} numbers, one a joint.", where=self.key)
             arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
         if not key.endswith(("inertial_scale", "link_translation")):  # a list, no table of joints
             names = ()
