@@ -206,6 +206,7 @@ class _Motion(NamedTuple):
         q, v, a: angles, velocities, accelerations.
         tau: torques.
         signs: of v.
+        scale: root (10 n + 10, 10 n + 10) of the covariance of all bodies and a load.
         added: to these torques by the arm.
     """
 
@@ -215,6 +216,7 @@ class _Motion(NamedTuple):
     a: np.ndarray
     tau: np.ndarray
     signs: np.ndarray
+    scale: np.ndarray
     added: np.ndarray | float = 0.0
 
     def turned(self, scale: np.ndarray) -> _Motion:
@@ -246,7 +248,7 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     # twice as many windows give the same verdicts on the real logs
     some = whole[evenly(len(whole), 125)]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
-    return _Motion(robot, *(averages.mean(part)[some] for part in parts))
+    return _Motion(robot, *(averages.mean(part)[some] for part in parts), _deviations(robot))
 
 
 class _Fit(NamedTuple):
@@ -297,7 +299,7 @@ def _fit(motion: _Motion) -> _Fit:
     tau = motion.tau + motion.added
     bare = _compared(motion, tau, d)
     Y = _each(motion, pin.computeJointTorqueRegressor)
-    scale = _deviations(motion.robot)
+    scale = motion.scale
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
     none = np.zeros(len(scale))
@@ -318,7 +320,7 @@ def _fit(motion: _Motion) -> _Fit:
 
 
 def _deviations(robot: Robot) -> np.ndarray:
-    """Return the root (10 n + 10, 10 n + 10) of the covariance of all bodies and a load."""
+    """Return ``_Motion.scale``."""
     from scipy.linalg import block_diag  # here, because scipy is slow to import
 
     bodies = physical_set(BodyDynamics(robot, ALL), robot)
@@ -375,7 +377,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
         pair = f"{names[i]} and {names[j]}"
         yield (
             f"the columns of {pair} are swapped; --joints {listed}",
-            _Motion(motion.robot, *(part[:, order] for part in motion[1:6])),
+            _Motion(motion.robot, *(part[:, order] for part in motion[1:6]), motion.scale),
         )
         yield (
             f"the torques of {pair} are swapped; --joints tau:{listed}",
