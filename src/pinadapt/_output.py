@@ -206,7 +206,7 @@ class Table(NamedTuple):
         drawn.set_cols_dtype([cell] * len(self.sides))
         if self.header:
             drawn.header(self.header)
-        lines = drawn.add_rows(self.rows, header=False).draw().splitlines()
+        lines = (drawn.add_rows(self.rows, header=False).draw() or "").splitlines()
         title = f"{self.title}\n" if self.title else ""
         return title + "\n".join(line.rstrip() for line in lines)
 

@@ -26,8 +26,9 @@ from .robot.motors import torque_limits
 from .robot.robot import Robot
 from .tasks.frame import FrameTask
 from .tasks.task import Task
-from .trajectories.given import TrajectoryLike, as_trajectory
+from .trajectories.given import TrajectoryLike
 from .trajectories.periodic import FourierSeries
+from .trajectories.pose import placed_trajectory
 from .trajectories.trajectory import Derived, Retimed, SlowedTime, Trajectory, minimum_jerk
 
 # How far off the motion a robot still follows it, of the reach or [rad]. Half or twice changes by
@@ -216,7 +217,7 @@ def within_limits(
     and those instants do not count for the rate.
 
     Args:
-        motion: of the task's coordinates, as ``as_trajectory`` takes it.
+        motion: as ``simulate`` takes it.
         robot: the model of the robot, with its friction; read only. Redundant joints
             move as under the default posture of the control laws, from home.
         share: of the velocity limits, and of the effort limits, that may be used.
@@ -234,12 +235,12 @@ def within_limits(
         GainError: effort limits that are not positive.
     """
     instance(robot, Robot, "robot")
-    given = as_trajectory(motion, robot.task).from_rest()
+    given = placed_trajectory(motion, robot).from_rest()
     positive(share, "share", error=InputError)
     positive(horizon, "horizon", error=InputError)
     positive(margin, "margin", zero=True, error=InputError)
     n = robot.model.nv
-    most = torque_limits(robot, efforts)
+    most = torque_limits(robot, efforts, "efforts")
     most = np.full(n, np.inf) if most is None else most
     accelerations: float | np.ndarray = np.inf
     if acceleration is not None:
@@ -377,7 +378,7 @@ def starting_from(
     does not reach the first point, a warning says so.
 
     Args:
-        motion: of the task's coordinates, as ``as_trajectory`` takes it.
+        motion: as ``simulate`` takes it.
         robot: the model of the robot; read only.
         measurement: of the robot at rest; its x, or for a joint task its q, is where it is.
         duration: of the run [s]; the motion is not looked at beyond. None: unknown.
@@ -386,11 +387,11 @@ def starting_from(
         InputError: the motion does not suit the robot's task.
     """
     task = instance(robot, Robot, "robot").task
-    motion = as_trajectory(motion, task)
+    x = task.measured(measurement.x, measurement.q)
+    motion = placed_trajectory(motion, robot, x)
     if motion.exact:
         return motion
     motion = motion.from_rest(duration=duration)
-    x = task.measured(measurement.x, measurement.q)
     first = motion.at(0.0).x_d
     sizes = np.repeat([robot.reach, 1.0], [task.lengths, task.size - task.lengths])
     if (np.abs(task.error(x, first)) <= _THERE * sizes).all():

@@ -73,6 +73,12 @@ def test_elements_that_pinocchio_would_ignore_are_refused(tmp_path, old, new, wo
     assert words in str(error.value) and str(path) in str(error.value)
 
 
+def test_a_body_that_no_joint_moves_needs_no_inertia(tmp_path):
+    base = '<worldbody><body name="stand"><geom type="mesh" mesh="rib"/>'
+    text = MJCF.replace("<worldbody>", base).replace("</worldbody>", "</body></worldbody>")
+    assert pa.load(mjcf(tmp_path, text), frame="tip").joint_names == ["j1", "j2", "j3"]
+
+
 def test_bodies_beside_the_first_are_told(tmp_path):
     path = mjcf(tmp_path, MJCF.replace("</worldbody>", '<body name="cube"/></worldbody>'))
     with pytest.warns(UserWarning, match="the first body of <worldbody> alone, without 'cube'"):

@@ -220,6 +220,24 @@ def test_steps_are_pure_and_refuse_what_is_no_measurement():
     assert estimator.step(states[-1], sample).t == 3.0
 
 
+def test_what_is_no_state_no_load_and_no_contacts_is_refused():
+    robot = pa.load("a1", base="free", contacts=["FL_foot", "FR_foot", "RL_foot", "RR_foot"])
+    estimator = pa.Estimator(robot, "payload")
+    sample = pa.Measurement(0.0, robot.q0, np.zeros(18), tau=np.zeros(18))
+    state = estimator.init(sample)
+    for stands in ([True, False, True], "a", {}, [1, 1, 1, 0]):
+        with pytest.raises(pa.InputError, match="stands: expected 4 bools"):
+            estimator.step(state, sample._replace(t=1e-3), stands)
+    assert estimator.step(state, sample._replace(t=1e-3), [True] * 4).stands.all()
+    for wrong in (
+        lambda: estimator.estimate(None),
+        lambda: estimator.step(None, sample),
+        lambda: estimator.announce(state, 1.5),
+    ):
+        with pytest.raises(pa.InputError, match="expected a"):
+            wrong()
+
+
 def test_too_little_motion_says_which_joint_to_shake():
     robot = catalogue_robot("panda")
     t, q, v, tau = signals({0.0: LOAD}, 1.5)

@@ -115,6 +115,12 @@ def flawed(log, robot):
     }
 
 
+def test_a_log_may_have_no_torques_but_there_is_one(robot, log):
+    assert np.isnan(pa.Log(log.t, log.q, None).tau).all()
+    with pytest.raises(pa.LogError, match="expected a log, got none"):
+        pa.identify([], robot)
+
+
 def test_an_impossible_log_is_refused(robot, log):
     for words, flaw in flawed(log, robot).items():
         with pytest.raises(pa.LogError, match=f"(?i){re.escape(words)}"):

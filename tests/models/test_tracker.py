@@ -229,7 +229,8 @@ def test_the_tracker_is_that_of_the_closed_form(frames):
     known = TrackerKinematics(catalogue_robot("panda").changed(tool_translation=TOOL))
     rng = np.random.default_rng(3)
     noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples]
-    found = find_tracker(known, noisy).tracker.placement
+    lost = samples[0]._replace(x=np.full(3, np.nan))
+    found = find_tracker(known, [lost, *noisy]).tracker.placement
     p = np.array([known.robot.position(s.q) for s in noisy])
     x = np.array([s.x for s in noisy])
     closed, _ = Rotation.align_vectors(x - x.mean(axis=0), p - p.mean(axis=0))

@@ -68,6 +68,14 @@ def test_adaptation_learns_the_load():
     assert "adapt" in ending.phases[0][2] and "the time is over" in str(ending)
 
 
+@pytest.mark.parametrize("motion", [pa.trajectories.Hold(), pa.trajectories.Circle(radius=0.05)])
+def test_a_motion_without_a_place_begins_where_the_arm_is(motion):
+    loop = Loop(motion=motion, seconds=1.0)
+    loop.ended()
+    far = np.linalg.norm(loop.arm.plant.measure().x - robot().position(robot().q0))
+    assert far < (0.01 if isinstance(motion, pa.trajectories.Hold) else 0.11)
+
+
 # --- lateness ---
 
 

@@ -78,6 +78,15 @@ def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_fo
         assert np.allclose(slowed.at(t).x_d, swing(s))  # on the same path
 
 
+def test_a_motion_without_a_place_is_judged_at_home():
+    robot = catalogue_robot("ur5")
+    circle = pa.trajectories.Circle(radius=0.1, period=1.2)
+    placed = pa.within_limits(circle.placed(robot.position(robot.q0)), robot)
+    assert repr(pa.within_limits(circle, robot)) == repr(placed)
+    pose = pa.within_limits(circle, catalogue_robot("ur5", task="pose"))
+    assert pose.at(1.0).x_d.size == 7
+
+
 def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
     robot = catalogue_robot("ur5")
     slowed = pa.within_limits(fast_circle(robot, 0.3), robot)

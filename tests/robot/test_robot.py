@@ -111,6 +111,25 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
 
 
+def test_a_description_without_a_joint_is_refused(tmp_path):
+    path = tmp_path / "plane.urdf"
+    path.write_text('<robot name="plane"><link name="plane"/></robot>')
+    with pytest.raises(pa.RobotError, match="no link is moved by two"):
+        pa.load(path)
+
+
+def test_a_robot_on_its_feet_starts_inside_its_limits():
+    """The calves of this description have no zero."""
+    feet = ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]
+    robot = pa.load(described("a1").urdf, base="free", contacts=feet)
+    low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    assert (low <= robot.q0).all() and (robot.q0 <= high).all()
+    with pytest.raises(pa.RobotError, match=r"q0: expected 18 numbers .*FL_hip"):
+        pa.load("a1", base="free", contacts=feet, q0=np.zeros(12))
+    with pytest.raises(pa.RobotError, match="passive: every joint of a chain has a motor"):
+        pa.load("ur5", passive=["foo"])
+
+
 def test_a_joint_that_moves_without_inertia_is_named():
     model = pin.Model()
     joint = 0

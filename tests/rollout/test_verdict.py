@@ -28,6 +28,13 @@ def with_error(rollout, first, last, **changes):
     return replace(rollout, x=x, t=np.linspace(0.0, 10.0, n), **changes)
 
 
+def test_a_path_as_long_as_rounding_is_a_point(rollout):
+    n = len(rollout.t)
+    x_d = rollout.x_d[0] * (1.0 + 1e-15 * np.sin(np.arange(n)))[:, None]
+    judged = replace(rollout, x=x_d, x_d=x_d, path_extent=None)
+    assert judged.extent == 0.0 and judged.grade == FOLLOWS
+
+
 @pytest.mark.parametrize(
     ("last", "grade"),
     [(0.00099, FOLLOWS), (0.00101, ROUGHLY), (0.0099, ROUGHLY), (0.0101, LOST), (6.0, LOST)],

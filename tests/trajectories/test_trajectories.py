@@ -28,6 +28,13 @@ MOTIONS = {
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())
 
 
+def test_a_centre_may_be_set_to_any_numbers():
+    circle = pa.trajectories.Circle([0.4, 0.0, 0.5])
+    for center in ([1, 0, 1], np.array([1, 0, 1]), np.ones(3, dtype=np.float32)):
+        circle.center = center
+        assert np.allclose(circle.at(np.float32(0.0)).x_d, np.add(center, [0.1, 0.0, 0.0]))
+
+
 @motions
 @pytest.mark.parametrize("t", [0.11, 0.55, 1.0, 1.45, 3.2])
 def test_velocity_and_acceleration_are_the_derivatives(motion, t):

@@ -226,6 +226,25 @@ def test_invalid_motions_raise_input_errors_before_the_run(given, loop):
             start()
 
 
+def test_a_point_of_a_pose_is_held_with_six_velocities():
+    robot = catalogue_robot("panda", task="pose")
+    point = robot.position(robot.q0)
+    for given in (pa.trajectories.Hold(point), pa.trajectories.Hold()):
+        x_d, xd_d, _ = pa.reference.starting_from(
+            given, robot, pa.Measurement(0.0, robot.q0, np.zeros(7), point)
+        ).at(0.3)
+        assert np.allclose(x_d, point) and not xd_d.any() and xd_d.size == 6
+    several = pa.trajectories.Waypoints([point, point], 1.0)
+    with pytest.raises(pa.InputError, match=r"the task 'pose' have 6.*PoseTrajectory"):
+        pa.trajectories.as_trajectory(several, robot.task)
+
+
+def test_a_function_that_fails_later_says_when():
+    motion = pa.trajectories.as_trajectory(lambda t: [[0.0, 0.0]][int(t > 0.5)])
+    with pytest.raises(pa.InputError, match=r"failed at t = 0.502 s: IndexError"):
+        motion.at(0.5)
+
+
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 def test_a_function_that_fails_during_a_run_ends_it_with_the_rollout_so_far(mode, loop):
     robot, controller, circle = loop

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers, vector
+from .._checks import instance, numbers, shown, vector
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, DesiredSteps, Feet, Measurement
@@ -79,8 +79,9 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
+        instance(given, ControllerState, "state")
         estimates = (getattr(part, "value", part) for part in given[1:4])
-        if given.__class__ is not ControllerState or not all(map(_is, estimates, self._estimates)):
+        if not all(map(_is, estimates, self._estimates)):
             raise InputError(
                 "the state is that of another controller, or its estimates are no float arrays.",
                 where="state",
@@ -170,9 +171,7 @@ class InputCheck:
         if not self._contacts or any(contact.sole is not None for contact in self._contacts):
             raise InputError("only point contacts change.", where="desired.feet")
         c = len(self._contacts)
-        stands = np.asarray(given.stands)
-        if stands.shape != (c,) or stands.dtype != bool:
-            raise InputError(f"expected {c} bools, got {stands!r}.", where="desired.feet.stands")
+        stands = standing(given.stands, c, "desired.feet.stands")
         names = (f"feet.{name}" for name in Feet._fields[1:])
         return Feet(stands, *map(_array, given[1:], [(c, 3)] * 3, names))
 
@@ -194,6 +193,18 @@ class InputCheck:
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
+
+
+def standing(given: Any, contacts: int, where: str) -> np.ndarray:
+    """Return which contacts (c) stand, as an array.
+
+    Raises:
+        InputError: not as many bools.
+    """
+    stands = np.array(given, dtype=object)
+    if stands.shape != (contacts,) or not all(isinstance(one, bool | np.bool_) for one in stands):
+        raise InputError(f"expected {contacts} bools, got {shown(given)}.", where=where)
+    return stands.astype(bool)
 
 
 def _is(value: Any, shape: tuple[int, ...]) -> bool:

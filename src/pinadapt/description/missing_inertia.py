@@ -49,7 +49,7 @@ def with_inertias(
     """
     lacking = massless_joints(model)
     described = sum(body.mass for body in model.inertias)
-    if not lacking or positive(mass, "mass", error=RobotError) <= described:
+    if positive(mass, "mass", error=RobotError) <= described or not lacking:
         raise RobotError(
             f"the description of '{name}' has {described:.4g} kg already, and {len(lacking)} "
             f"moving bodies without mass; nothing of {mass:g} kg is left for them.",

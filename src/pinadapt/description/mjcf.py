@@ -28,7 +28,8 @@ from .urdf import built_shapes, check_numbers, xml_text
 from .urdf_writer import digits, first_comment, free_name
 
 _COMPILED = (
-    "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."
+    "Let MuJoCo write the compiled model as one plain file: spec = mujoco.MjSpec.from_file(path); "
+    "spec.compiler.saveinertial = True; spec.compile(); spec.to_xml()."
 )
 # Pinocchio ignores these elements without an error; the model would be wrong.
 _SKIPPED = ("include", "attach", "replicate", "composite", "flexcomp", "frame", "plugin")
@@ -162,12 +163,14 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
             yield f"<{element.tag}> has a negative mass, {element.get('mass')} kg"
     if root.find(".//default/equality[@active]") is not None:
         yield "a default says whether an <equality> is active; it is not read"
+    jointed = [*root.findall(".//body[joint]"), *root.findall(".//body[freejoint]")]
+    moving = {each for body in jointed for each in body.iter("body")}
     for body in root.iter("body"):
         if not body.get("name"):
             yield "a <body> has no name; Pinocchio ignores such bodies and all that they carry"
         shapes = [g for g in body.findall("geom") if "0" not in (g.get("mass"), g.get("density"))]
         unknown = any(g.get("mesh") is not None or g.get("type") in _NO_INERTIA for g in shapes)
-        if body.find("inertial") is None and unknown:
+        if body in moving and body.find("inertial") is None and unknown:
             yield (
                 f"body '{body.get('name')}' has no <inertial>, and Pinocchio does not compute the "
                 "inertia of its shapes"

@@ -27,9 +27,9 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import flag, instance, positive
-from ..controller.inputs import InputCheck
+from ..controller.inputs import InputCheck, standing
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ImplausibleError, MeasurementError
+from ..exceptions import ImplausibleError, MeasurementError, RobotError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import PayloadEstimate, of_load, usual_load
@@ -391,7 +391,9 @@ class Estimator:
             RobotError: an impossible load.
         """
         # no window holds both loads
+        state = instance(state, EstimatorState, "state")
         state = state._replace(samples=state.samples[-1:], last=())
+        instance(payload, Payload | None, "payload", RobotError)
         if payload is None:
             return self._begin_load(state, self._usual)
         placement = self.robot.model.frames[self.robot.frame_id].placement
@@ -413,12 +415,14 @@ class Estimator:
         Raises:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
             ImplausibleError: the time is not after the last one's.
+            InputError: no state, or not as many contacts.
         """
         now = self._checked(measurement)
-        known = state.stands
-        if stands is not None and (known is None or not np.array_equal(stands, known)):
-            # no window holds both
-            state = state._replace(samples=state.samples[-1:], last=(), stands=np.array(stands))
+        known = instance(state, EstimatorState, "state").stands
+        if stands is not None:
+            stands = standing(stands, len(self.robot.contacts), "stands")
+            if known is None or (stands != known).any():  # no window holds both
+                state = state._replace(samples=state.samples[-1:], last=(), stands=stands)
         if now.t <= state.t:
             raise ImplausibleError("t", now.t, f"is not after the last sample's, {state.t:g} s")
         if now.t - state.t > 2.0 * self.length / FEWEST:
@@ -702,6 +706,7 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
+        instance(state, EstimatorState, "state")
         a, noise = self._fitted(state, None if near is None else near.a, [])
         if self._wrist:  # as ``identify`` chooses it
             a_without, noise_without = self._fitted(state, a, self._wrist)

@@ -248,7 +248,11 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     # twice as many windows give the same verdicts on the real logs
     some = whole[evenly(len(whole), 125)]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
-    return _Motion(robot, *(averages.mean(part)[some] for part in parts), _deviations(robot))
+    means = (averages.mean(part)[some] for part in parts)
+    return _Motion(robot, *means, scale=_deviations(robot))  # type: ignore[misc]
+
+
+_OF_JOINTS = "q", "v", "a", "tau", "signs"
 
 
 class _Fit(NamedTuple):
@@ -377,7 +381,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
         pair = f"{names[i]} and {names[j]}"
         yield (
             f"the columns of {pair} are swapped; --joints {listed}",
-            _Motion(motion.robot, *(part[:, order] for part in motion[1:6]), motion.scale),
+            motion._replace(**{name: getattr(motion, name)[:, order] for name in _OF_JOINTS}),
         )
         yield (
             f"the torques of {pair} are swapped; --joints tau:{listed}",

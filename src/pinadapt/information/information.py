@@ -227,8 +227,8 @@ def position_rows(
 
 
 def measured_frames(measurements: Sequence[Measurement]) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (M) [s] and coordinates (M, m) of the frames in measurements."""
-    seen = [one for one in measurements if one.x is not None]
+    """Return times (M) [s] and coordinates (M, m) of the frames in measurements that are finite."""
+    seen = [one for one in measurements if one.x is not None and np.isfinite(one.x).all()]
     taken = [one.t if one.x_time is None else one.x_time for one in seen]
     return np.array(taken, dtype=float), np.array([one.x for one in seen], dtype=float)
 

@@ -41,7 +41,7 @@ class Log:
     Attributes:
         t: (N) times [s], ascending.
         q: (N, n) one number per joint, or (N, nq) configurations as Pinocchio has them.
-        tau: (N, n) torques of the joints.
+        tau: (N, n) torques of the joints; None: not measured.
         v: (N, n) velocities, or None: they are computed from q.
         joints: (n) names of the columns; none: those of the robot, in its order.
         x: (M, m) position of the frame in world axes, for a pose with a quaternion xyzw; or None.
@@ -67,6 +67,8 @@ class Log:
         Raises:
             LogError: not numbers, or sizes that do not match.
         """
+        if self.tau is None:
+            object.__setattr__(self, "tau", np.full(np.shape(self.q), np.nan))
         for name, dimensions in (("t", 1), ("q", 2), ("tau", 2), ("v", 2), ("x", 2), ("x_time", 1)):
             given = getattr(self, name)
             if given is not None:
@@ -321,7 +323,12 @@ def joined(logs: Sequence[Log]) -> Log:
     """Return logs of the same robot as one, of ascending times.
 
     Velocities and positions of the frame are kept if all logs have them.
+
+    Raises:
+        LogError: there is none.
     """
+    if not logs:
+        raise LogError("expected a log, got none.", where="log")
     parts: dict[str, Any] = {"source": ", ".join(log.source for log in logs)}
     for name in ("t", *SIGNALS, "x", "x_time"):
         arrays = [getattr(log, name) for log in logs]

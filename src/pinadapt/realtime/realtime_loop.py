@@ -37,7 +37,8 @@ from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Measurement
 from ..reference import starting_from
-from ..trajectories.given import TrajectoryLike, as_trajectory
+from ..trajectories.given import TrajectoryLike
+from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
 from .processes import Scheduling
@@ -198,7 +199,9 @@ class RealtimeLoop:
                 hint='Take "adapt", which first finds them by millimetres of motion; or give '
                 "start=found.start of what information.find_tracker returns.",
             )
-        self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
+        if motion is not None:
+            placed_trajectory(motion, kinematics.robot)  # refused here, and placed at the start
+        self._motion = motion
         self.safety = safety or Safety()
         self._checks = Checklist(self.safety, controller, arm.facts)
         self._recorder = recorder

@@ -267,7 +267,7 @@ class Friction:
             raise RobotError(f"numbers of joints differ: {sizes}.", where="friction") from reason
         for name, array in zip(arrays, filled, strict=True):
             object.__setattr__(self, name, array.copy())
-        for shaft in self.shafts:
+        for shaft in instance(self.shafts, list | tuple, "friction.shafts", RobotError):
             instance(shaft, Shaft, "friction.shafts", RobotError)
 
     def of(self, model: pin.Model) -> Friction:

@@ -204,7 +204,7 @@ def parts_of(
         RobotError: something else.
     """
     found = []
-    for each in given:
+    for each in [given] if isinstance(given, str) else given:
         own: Any = {"frame": each} if isinstance(each, str) else each
         if isinstance(own, Mapping):
             try:

@@ -171,6 +171,10 @@ def load(
     moving = chain_joints(model, frame_id(model, known[0])) if known and found.closures else []
     hangs = any(str(model.names[joint]) in found.passive for joint in moving)  # in loops
     whole = free or closed or hangs or (not known and task == JOINT)
+    if idle and not whole:
+        raise RobotError(
+            "every joint of a chain has a motor.", where="passive", hint='Choose task="joint".'
+        )
     if whole:
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
@@ -276,7 +280,7 @@ def _load_chain(
     constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
     if free:
         chosen = _task_named(task or "pose", model)
-        home = np.concatenate([np.zeros(6), shown])
+        home = home_inside_limits(model, [np.concatenate([np.zeros(6), shown])])
     else:
         poses = [shown, pin.neutral(model)]
         chosen, home = choose_task(model, tips, task, poses, plane)
@@ -285,7 +289,8 @@ def _load_chain(
     if len(frames) > 1 and isinstance(chosen, FrameTask):
         chosen = chosen.of_frames(dict(zip(frames, tips, strict=True)))
     if q0 is not None and constraints:  # near which they hold
-        home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
+        angles = vector(q0, model.nv, "q0", names=list(model.names)[1:], error=RobotError)
+        home = configuration_from_angles(model, angles)
     home = consistent(model, home, constraints)
     constraints = independent(model, home, constraints)
     samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
@@ -365,7 +370,8 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
             chain = chain_joints(model, index)
             depth = len(model.supports[joint])
             moves = all(is_independent(model, each, mimics) for each in chain)
-            behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
+            deepest = (len(model.supports[other]) for other in model.subtrees[joint])
+            behind = max(deepest, default=0) - depth  # the universe has no subtree
             palm = carried[index] >= 2 and behind < depth - 1
             if moves and len(chain) >= 2 and (palm or index not in parents):
                 found.append((*_rank(name.lower(), palm, len(chain)), index, name))

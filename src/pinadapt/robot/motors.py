@@ -207,13 +207,16 @@ class LateTorque:
         return np.asarray(sum(h * torque for torque, h in pieces)) / dt, left
 
 
-def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
+def torque_limits(
+    robot: Robot, limits: ArrayLike | bool | None, where: str = "limits.torque"
+) -> np.ndarray | None:
     """Return torque limits (nv) [N m or N], or None if no joint has one.
 
     Args:
         robot: read only.
         limits: a number or (nv) [N m or N]; True for the effort limits of the description; False or
             None for no limits.
+        where: their name, for messages.
 
     Raises:
         GainError: wrong size, or limits that are not positive.
@@ -222,7 +225,7 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
         return None
     bounds = joint_numbers(
         effort_limits(robot.model) if limits is True else limits,
-        "limits.torque",
+        where,
         robot.model.nv,
         zero=False,
         infinite=True,

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._checks import ROUNDING
 from ..controller.controller import Controller
 from ..controller.state import Bridged, ControllerState, Sample
 from ..description.chain import effort_limits
@@ -334,7 +335,9 @@ class Recording:
         """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
         if self.path_extent is not None or not len(self.t):
             return self.path_extent or 0.0
-        return 0.5 * float(np.linalg.norm(np.ptp(self.x_d[:, self.task.groups[0].rows], axis=0)))
+        x_d = self.x_d[:, self.task.groups[0].rows]
+        extent = 0.5 * float(np.linalg.norm(np.ptp(x_d, axis=0)))
+        return extent if extent > ROUNDING * np.abs(x_d).max(initial=0.0) else 0.0
 
     def window(self, first: bool) -> np.ndarray:
         """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""

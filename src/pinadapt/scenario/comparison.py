@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._checks import name_list
 from .._output import records_table
 from ..exceptions import Interrupted, UnusedGainWarning
 from ..laws import LAWS
@@ -22,7 +23,7 @@ NOT_ADAPTED = 'controller.adaptation="none"'
 
 
 def compare(
-    scenario: Path | str, laws: Sequence[str] | None = None, *, settings: Sequence[str] = ()
+    scenario: Path | str, laws: Sequence[str] | None = None, *, settings: str | Sequence[str] = ()
 ) -> list[Rollout]:
     """Run a scenario under several laws; ``print(comparison_table(rollouts))`` shows them.
 
@@ -37,6 +38,7 @@ def compare(
         InputError: as ``Scenario.read``.
         Interrupted: a ``KeyboardInterrupt``, with the rollout until then.
     """
+    settings = name_list(settings, "settings")
     return [run_scenario(each) for each in under_laws(scenario, laws, settings).values()]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, mapping, positive, word
+from .._checks import instance, located, mapping, positive, word
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.limits import ABSURD
@@ -71,8 +71,9 @@ class Events:
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown at the time of the event
-            for announced in self.announcements.values():
-                state = controller.announce(state, **announced)
+            for time, announced in self.announcements.items():
+                with located(f"events.announcements[{time:g}]", ANNOUNCED):
+                    state = controller.announce(state, **announced)
 
     def happen(
         self,

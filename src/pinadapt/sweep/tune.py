@@ -160,6 +160,8 @@ def searched(gains: Record, plan: Plan) -> dict[str, Values]:
         InputError: a range cannot be used, or a key is varied by the sweep as well.
     """
     found = {}
+    if not gains:
+        raise InputError("nothing to search.", where="gains", hint='{"controller.beta": ...}.')
     for key, value in gains.items():
         values = Values.of(key, value)
         if not values.drawn:

@@ -10,10 +10,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, numbers, shown, vector
-from ..exceptions import InputError
+from ..exceptions import InputError, PinadaptError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
-from .trajectory import Piecewise, Trajectory
+from .trajectory import Hold, Piecewise, Trajectory
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
@@ -58,17 +58,38 @@ class Function(Trajectory):
         Raises:
             InputError: the function returned no coordinates, or a varying number of them.
         """
-        x_d, *derivatives = _coordinates(self._f(t), t)
+        x_d, *derivatives = self._called(t)
         return Desired(x_d, *(derivatives or self._differences(t, x_d)))
 
     def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the first two derivatives (m) at t of the polynomial through the nodes."""
         before = min(_NODES // 2, int(max(t, 0.0) / STEP))
         others = np.array([k for k in range(-before, _NODES - before) if k])
-        others_x = (_coordinates(self._f(t + k * STEP), t)[0] for k in others.tolist())
-        away = [self._difference(x, x_d) for x in others_x]
+        times = [t + k * STEP for k in others.tolist()]
+        away = [self._difference(self._called(time, x_d.size)[0], x_d) for time in times]
         c = np.linalg.solve(np.vander(others, _NODES, increasing=True)[:, 1:], away)
         return c[0] / STEP, 2.0 * c[1] / STEP**2
+
+    def _called(self, t: float, size: int | None = None) -> list[np.ndarray]:
+        """Return what the function returns at t [s], x_d of this size.
+
+        Raises:
+            InputError: as ``at``, or the function failed.
+        """
+        try:
+            found = _coordinates(self._f(t), t)
+        except PinadaptError:
+            raise
+        except Exception as reason:
+            raise InputError(
+                f"the desired motion failed at t = {t:g} s: {type(reason).__name__}: {reason}",
+                where="trajectory",
+            ) from reason
+        if size not in (None, found[0].size):
+            raise InputError(
+                f"{found[0].size} coordinates at t = {t:g} s, {size} before.", where="trajectory"
+            )
+        return found
 
 
 def _coordinates(value: Any, t: float) -> list[np.ndarray]:
@@ -192,6 +213,8 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
     else:
         turning = task.continuous if isinstance(task, JointTask) else ()
         motion = converted(given, task.error, task.coordinates == task.size + 1, turning)
+        if isinstance(motion, Hold):
+            motion = motion.resting(task.size)
     _check_start(motion, task)
     return motion
 
@@ -251,6 +274,12 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
                 where="trajectory",
             )
         sizes: Any = (None,) * 3 if task is None else (task.coordinates, task.size, task.size)
+        if np.size(start.xd_d) == np.size(start.x_d) != sizes[1] and task is not None:
+            raise InputError(
+                f"velocities of the task '{task.name}' have {task.size} numbers.",
+                where="trajectory.xd_d",
+                hint="Motions of poses: PoseTrajectory(position, orientation), or (t, x).",
+            )
         for name, size in zip(Desired._fields, sizes, strict=True):
             vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
     except InputError:

@@ -66,7 +66,8 @@ class _Harmonic(Trajectory):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         x = empty(self._parts.shape[:2])
-        kernels.harmonics(self.center, self._parts, self._iw, t, x)
+        kernels.harmonics(self._parts, self._iw, float(t), x)
+        x[0] += self.center
         return Desired(x[0], x[1], x[2])
 
 

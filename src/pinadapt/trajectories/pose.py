@@ -155,7 +155,9 @@ class PoseTrajectory(Trajectory):
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
-def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
+def placed_trajectory(
+    given: TrajectoryLike, robot: Any, start: np.ndarray | None = None
+) -> Trajectory:
     """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
 
     A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
@@ -163,13 +165,14 @@ def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
 
     Args:
         given: as in ``as_trajectory``.
-        robot: the ``Robot`` at whose home pose it starts.
+        robot: the ``Robot``.
+        start: coordinates at which it starts; None: those of the robot's home pose.
 
     Raises:
         InputError: as ``as_trajectory`` and ``Crawl.on``.
     """
     task = robot.task
-    start = robot.position(robot.q0)
+    start = robot.position(robot.q0) if start is None else start
     if isinstance(given, Crawl):
         given = given.on(robot)
     if isinstance(given, Trajectory):
@@ -225,7 +228,7 @@ def _orientation(given: Any) -> Trajectory:
     Raises:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
-    if isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
+    if isinstance(given, list | tuple | np.ndarray) and np.ndim(given) == 1:
         return FixedOrientation(given)
     motion = converted(given, rotation_between, quaternion=True)
     start = as_trajectory(motion).at(0.0)

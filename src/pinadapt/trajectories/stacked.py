@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import instance
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import joined, parts_of
@@ -34,7 +35,8 @@ class Stacked(Trajectory):
         Raises:
             InputError: less than two, or motions of different numbers of coordinates.
         """
-        self.motions = tuple(as_trajectory(motion) for motion in motions)
+        given = instance(motions, list | tuple, "motions")
+        self.motions = tuple(as_trajectory(motion) for motion in given)
         starts = [motion.at(0.0) for motion in self.motions]
         sizes = [(start.x_d.size, start.xd_d.size) for start in starts]
         if len(sizes) < 2 or len(set(sizes)) > 1:
@@ -62,8 +64,11 @@ class Stacked(Trajectory):
 
         Where these are poses, a motion of a position holds the orientation.
         """
+        k = len(self.motions)
+        if start.size not in (self.at(0.0).x_d.size, 7 * k):
+            return self  # as ``Trajectory.placed``
         placed = []
-        own = parts_of(start, len(self.motions), self._positions)
+        own = parts_of(start, k, self._positions)
         for motion, here in zip(self.motions, own, strict=True):
             turns = here.size > motion.at(0.0).x_d.size
             placed.append((PoseTrajectory(motion, None) if turns else motion).placed(here))

@@ -222,8 +222,12 @@ class Hold(Trajectory):
     @classmethod
     def of(cls, task: Task, measurement: Measurement) -> Hold:
         """Return the rest where a measurement has the robot, a pose with its six velocities."""
-        made = cls(task.measured(measurement.x, measurement.q))
-        made._rest = np.zeros(task.size)
+        return cls(task.measured(measurement.x, measurement.q)).resting(task.size)
+
+    def resting(self, size: int) -> Hold:
+        """Return the same rest with a velocity of so many rows: of a pose 6, of coordinates 7."""
+        made = copy(self)
+        made._rest = np.zeros(size)
         return made
 
     def placed(self, start: np.ndarray) -> Hold:
