@@ -222,6 +222,8 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     trunk = true.model.inertias[6]
     assert run.distance.max() < 4e-3 and run.distance[-400:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
+    with pytest.raises(pa.ParameterError, match="not measured"):
+        run.payload()
     found = pa.identify(run, robot, unknown="payload", progress=False)
     body = found.robot.model.inertias[6]
     errors = found.torque_errors

@@ -224,6 +224,12 @@ class Rollout(Recording, Printed):
         """
         arm = positive(arm, "arm", zero=True, error=InputError)
         controller = self.evaluated().controller
+        if controller.kinematics.robot.constraints:
+            raise ParameterError(
+                "forces of contacts and loops are not measured.",
+                where="payload",
+                hint='Take pa.identify(rollout, robot, unknown="payload"), or learned().',
+            )
         whole = whole_arm(controller)
         described = described_robot(controller)
         found = self._whole_arm_information(whole)

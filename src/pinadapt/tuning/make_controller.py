@@ -120,8 +120,7 @@ def make_controller(
             (a number for natural; number, list or matrix for gradient), gamma_joint of the joints'
             coefficients, gamma_k (number, list or matrix); of those that predict the torque,
             prediction_rate [1/s] at which that error decays, prediction_filter [1/s] of the low
-            pass on it, and forgetting [1/s] of least squares and memories; of least squares on the
-            kinematics kinematic_rate and kinematic_forgetting [1/s].
+            pass on it, and forgetting [1/s] of least squares and memories.
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be

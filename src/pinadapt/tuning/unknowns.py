@@ -66,8 +66,8 @@ class Unknown:
             fixes their place among the estimates.
         lengths: links whose length along its direction is unknown, by the names of their joints;
             True for all links, the tool included.
-        bodies: unknown inertial parameters: "all", "payload" (the last body; of several frames the
-            body of each), "none", or the names of the joints that carry the bodies. With lengths
+        bodies: unknown inertial parameters: "all", "payload" (the bodies of the task frames),
+            "none", or the names of the joints that carry the bodies. With lengths
             that are lumped with inertias, the products with all bodies are unknown.
         friction: whether the friction of the joints is unknown: True, False, or "viscous" or
             "coulomb" alone. None: it is with the law "separation", and known with published laws.
