@@ -21,6 +21,7 @@ from tests.support.arms import (
     heavy,
     robot,
 )
+from tests.support.chains import catalogue_robot
 
 OUT = ["running", "holding", "damping", "stopped"]
 
@@ -74,6 +75,49 @@ def test_a_motion_without_a_place_begins_where_the_arm_is(motion):
     loop.ended()
     far = np.linalg.norm(loop.arm.plant.measure().x - robot().position(robot().q0))
     assert far < (0.01 if isinstance(motion, pa.trajectories.Hold) else 0.11)
+
+
+def test_the_null_space_stays_where_the_arm_begins():
+    """Joint 7 of this arm turns about the axis of its flange."""
+    described = catalogue_robot("panda")
+    q0 = described.q0 + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    plant = pa.plants.PinocchioPlant(replace(described, q0=q0))
+    of = pa.make_controller(described, dt=PERIOD)
+    loop = Loop(PlantArm(plant, PERIOD), "hold", of=of, motion=pa.trajectories.Hold())
+    loop.ended()
+    assert np.abs(plant.measure().q - q0).max() < 1e-9
+
+
+def test_a_refused_command_changes_nothing():
+    loop = Loop(faulty(lambda arm, m: told(arm, m), at=1), seconds=1.5)
+    speeds = []
+
+    def told(arm, m):
+        if arm.cycle == 160:
+            loop.loop._command("hold", None)
+        if arm.cycle == 280:
+            with pytest.raises(pa.InputError, match="reference: expected a Trajectory"):
+                loop.loop._command("reference", {"kind": "circle"})
+            speeds.append(0.0)
+        if speeds:
+            speeds.append(float(np.abs(m.v).max()))
+        return m
+
+    loop.ended()
+    assert speeds and max(speeds) < 0.1
+
+
+def test_a_loop_runs_once_and_a_motion_that_fails_damps_the_arm():
+    home = robot().position(robot().q0)
+    motion = pa.trajectories.Hold(home).as_given()
+    motion.at = lambda t: pa.trajectories.Hold(home).at(t) if t < 0.1 else 1 / 0
+    loop = Loop(motion=motion)
+    loop.ended()
+    assert "damping" in loop.phases and "ZeroDivisionError" in " ".join(loop.said)
+    with pytest.raises(pa.InputError, match="loop: has run"):
+        loop.run()
+    with pytest.raises(pa.InputError, match="duration"):
+        Loop().loop.run(float("nan"))
 
 
 # --- lateness ---

@@ -108,7 +108,7 @@ def test_a_replay_gives_the_same_torques_bit_for_bit_and_those_of_another_contro
     ):
         found = log.replay(other)
         assert not found.same and (found.difference > 1e-3).any()
-    with pytest.raises(pa.PinadaptError, match="must be 7 numbers"):
+    with pytest.raises(pa.PinadaptError, match="expected 7 numbers"):
         log.replay(pa.make_controller(pa.load("panda"), adaptation="none"))
 
 

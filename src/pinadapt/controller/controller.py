@@ -18,9 +18,11 @@ from numpy.typing import ArrayLike
 from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
+from ..description.chain import angles_from_configuration, position_limits
 from ..exceptions import ContactError, DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
+from ..laws.posture import Posture
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
@@ -172,6 +174,27 @@ class Controller:
             limits = np.full(governor.lower.size, np.inf) if torque is None else torque
             governor = replace(governor, torque=limits)
         other.limits = replace(self.limits, torque=torque, governor=governor)
+        other._alone = self._alone
+        return other
+
+    def resting_at(self, q: np.ndarray) -> Controller:
+        """Return this controller whose posture rests at q (nq); it shares the scratch.
+
+        An arm that is not at its home does not return there in its null space. Robots under
+        constraints keep their posture, and so do laws without one.
+
+        Raises:
+            InputError: q is of another size.
+        """
+        robot = self.kinematics.robot
+        law: Any = self.law
+        posture = getattr(law, "posture", None)
+        if posture is None or robot.constraints:
+            return self
+        q = vector(q, robot.model.nq, "q", fills=False)
+        angles = np.clip(angles_from_configuration(robot.model, q), *position_limits(robot.model))
+        other = copy.copy(self)
+        other.law = replace(law, posture=Posture(robot, angles, posture.frequency))
         other._alone = self._alone
         return other
 

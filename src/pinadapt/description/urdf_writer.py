@@ -80,7 +80,7 @@ class _Edited:
         usual = {"damping": friction.viscous, "friction": friction.coulomb}
         if not np.array_equal(model.armature, self.described.armature):
             usual["armature"] = model.armature
-        effects = {name: values for name, values in usual.items() if values.any()}
+        effects = {n: values for n, values in usual.items() if friction.present or values.any()}
         for attribute, values in (effects | friction.special).items():
             for index, name in own:
                 stated = child(self.joints[name], "dynamics").attrib
@@ -97,7 +97,7 @@ class _Edited:
     def _place_tool(self, name: str) -> None:
         """Move a task frame: the joint of a last link without mass, else a new link."""
         frame = self.robot.model.frames[frame_id(self.robot.model, name)]
-        if _same(frame.placement, self._placement(name)):
+        if name in self.links and _same(frame.placement, self._placement(name)):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
         for joint in self.joints.values():

@@ -9,8 +9,10 @@ from __future__ import annotations
 import csv
 import math
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TypeAlias
 
@@ -25,7 +27,7 @@ from ..rollout.rollout import Rollout
 from .bags import read_bag
 from .columns import log_of_columns
 from .import_options import ImportOptions, Options
-from .log import Log, check, repeated
+from .log import Log, check, check_times, repeated
 
 
 def read_arrays(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
@@ -75,7 +77,8 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     rows = [line for line in lines if not line.startswith("#")] or [""]
     mark = next((mark for mark in ",;\t" if mark in rows[0]), None)
     header = _cells(rows[0], mark)
-    comments = [_cells(line.lstrip("# "), mark) for line in lines if line.startswith("#")]
+    above = takewhile(lambda line: line.startswith("#"), lines)
+    comments = [_cells(line.lstrip("# "), mark) for line in above]
     if all(map(_is_number, header)):
         header = [str(k + 1) for k in range(len(header))]
         if comments and len(comments[-1]) == len(header):
@@ -84,6 +87,8 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
         del rows[0]
     if not any(rows):
         raise LogError("is empty.", where=path)
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise LogError(f"there are several columns '{twice[0]}'.", where=path)
     columns = np.genfromtxt(rows, delimiter=mark).reshape(len(rows), -1).T
     if len(columns) != len(header):
         raise LogError(
@@ -156,7 +161,12 @@ def read_log(
             joints = robot.joint_names
             source = _read(path, joints if set(stated) <= set(joints) else stated, options)
     if options.rate is not None:
-        source = replace(source, t=np.arange(len(source.t)) / options.rate)
+        t = np.arange(len(source.t)) / options.rate
+        frames = source.x_time
+        if frames is not None:  # those of its own times move with them
+            check_times(source)
+            frames = np.interp(frames, source.t, t, np.nan, np.nan)
+        source = replace(source, t=t, x_time=frames)
     if options.repeated == "drop" and (again := repeated(source)).any():
         warnings.warn(
             f"{source.source}: {np.count_nonzero(again)} of {len(again)} samples repeat earlier "

@@ -114,6 +114,12 @@ class Log:
         """
         names = robot.joint_names
         log = self
+        for name, part in self.signals().items():
+            if self.joints and name != "q" and part.shape[1] != len(self.joints):
+                raise LogError(
+                    f"{part.shape[1]} columns of the joints {list(self.joints)}.",
+                    where=self._at(name),
+                )
         if self.joints and list(self.joints) != names:
             log = self.ordered(joint_order(self.joints, names, self.source))
             log = replace(log, joints=tuple(names))
@@ -220,6 +226,26 @@ def repeated(log: Log) -> np.ndarray:
     return late | (same & ~rests)
 
 
+def check_times(log: Log) -> None:
+    """Refuse times that are no numbers, or do not ascend.
+
+    Raises:
+        LogError: with the first such sample.
+    """
+    late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
+    if late.any():
+        row = int(np.argmax(late))
+        flaw = f"times must ascend; sample {row} is at {log.t[row]:.6g} s."
+        hint = (
+            "--repeated drop leaves out samples of repeated or earlier times; --columns t=NAME "
+            "names another column, --rate HZ replaces the times."
+        )
+        if not np.isfinite(log.t[row]):
+            flaw = f"the time of sample {row} is no number."
+            hint = "Decimals need a point; remove a row of units, and quotes."
+        raise LogError(flaw, where=f"{log.source}: t", hint=hint)
+
+
 def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     """Raise an error for a log from which no parameters can be estimated.
 
@@ -233,15 +259,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     def refuse(name: str, words: str, hint: str) -> None:
         raise LogError(words, where=f"{log.source}: {name}", hint=hint)
 
-    late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
-    if late.any():
-        row = int(np.argmax(late))
-        refuse(
-            "t",
-            f"times must ascend; sample {row} is at {log.t[row]:.6g} s.",
-            "--repeated drop leaves out samples of repeated or earlier times; --columns t=NAME "
-            "names another column, --rate HZ replaces the times.",
-        )
+    check_times(log)
     for name in ("q", "tau") if torques else ("q",):
         part = getattr(log, name)
         share = float(np.isfinite(part).mean(axis=0).min())

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import instance, positive, vector, word
+from .._checks import flag, instance, positive, vector, word
 from .._output import Report, Table
 from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
@@ -202,7 +202,7 @@ class RealtimeLoop:
         if motion is not None:
             placed_trajectory(motion, kinematics.robot)  # refused here, and placed at the start
         self._motion = motion
-        self.safety = safety or Safety()
+        self.safety = instance(safety or Safety(), Safety, "safety")
         self._checks = Checklist(self.safety, controller, arm.facts)
         self._recorder = recorder
         self._scheduling = scheduling or Scheduling()
@@ -240,6 +240,10 @@ class RealtimeLoop:
                 loop drives it.
         """
         result = self.result
+        if duration is not None:
+            positive(duration, "duration", error=InputError)
+        if self._phase is not Phase.STARTING:
+            raise InputError("has run.", where="loop", hint="Make another one.")
         with ExitStack() as back, threadpool_limits(1, "blas"):
             lock = vars(self._arm).setdefault("_driven", threading.Lock())
             if not lock.acquire(blocking=False):
@@ -297,6 +301,7 @@ class RealtimeLoop:
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
         self._begin = self._t = m.t
+        self._controller = controller = controller.resting_at(m.q)
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
         self._sent, _ = controller.safe(self._state, m, damping=0.0)
@@ -463,9 +468,11 @@ class RealtimeLoop:
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
             torque, after = controller.step(state, m, desired, self._period)
-        except PinadaptError as error:
+        except Exception as error:  # a motion of the user's own may raise anything
             self._state = state
             words = " ".join(str(error).split())
+            if not isinstance(error, PinadaptError):
+                words = f"{type(error).__name__}: {words}"
             self._respond(SafetyFinding("controller", words, Phase.DAMPING))
             return None
         self._last.append(torque)
@@ -597,7 +604,7 @@ class RealtimeLoop:
         if name == "latch":
             self._checks.latched = str(value or "set by the operator")
         elif name == "adapt":
-            self._adapting = bool(value)
+            self._adapting = flag(value, name)
             self._note(f"the adaptation {'goes on' if value else 'rests'}: commanded")
         elif name == "frame" and isinstance(value, Mapping):
             size = self._controller.kinematics.task.coordinates
@@ -619,6 +626,7 @@ class RealtimeLoop:
             stands = self._state.stands
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
+            instance(value, Trajectory, name)
             self._begin = self._t
             self._go(value, 0.0, f"new reference, {value!r}")
         else:

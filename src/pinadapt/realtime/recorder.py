@@ -546,6 +546,7 @@ class CycleLog:
             if np.isfinite(row["feet"]).any():
                 desired = DesiredSteps.of(desired, Feet.of_table(row["feet"]))
             if state is None:
+                controller = controller.resting_at(m.q)
                 try:
                     state = controller.init(m, **begun["start"])
                 except ParameterError:  # other unknowns: from its own estimates

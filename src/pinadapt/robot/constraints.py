@@ -204,7 +204,8 @@ def parts_of(
         RobotError: something else.
     """
     found = []
-    for each in [given] if isinstance(given, str) else given:
+    given = [given] if isinstance(given, str) else instance(given, Iterable, where, RobotError)
+    for each in given:
         own: Any = {"frame": each} if isinstance(each, str) else each
         if isinstance(own, Mapping):
             try:

@@ -27,7 +27,18 @@ from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from .tables import KEYS, TABLES, Tables, at_folder, in_table, motion, parts, read, read_tables
+from .tables import (
+    KEYS,
+    TABLES,
+    Tables,
+    at_folder,
+    in_table,
+    made,
+    motion,
+    parts,
+    read,
+    read_tables,
+)
 
 _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
 
@@ -219,7 +230,7 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     if "tracker" not in truth:
         return true
     with located("tracker"):
-        return true.seen_from(**read(truth["tracker"], "tracker", Robot.seen_from))
+        return made(true.seen_from, truth["tracker"], "tracker")
 
 
 def _changes(described: Robot, truth: Record, changes: Sequence[Record]) -> dict[float, Robot]:

@@ -19,7 +19,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from .._checks import instance, located, shown, word
+from .._checks import flag, instance, located, shown, word
 from .._output import Record, read_toml, toml
 from ..controller.limits import Limits
 from ..description.description import is_robot_name
@@ -189,7 +189,7 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     found = made(MOTIONS[kind], table, path)
     with located(path, _OF_MOTIONS):
         found = found if ramp is None else found.from_rest(ramp)
-    return found.as_given() if as_given else found
+    return found.as_given() if flag(as_given or False, f"{path}.as_given") else found
 
 
 def parts(tables: Tables) -> Tables:
