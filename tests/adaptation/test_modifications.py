@@ -104,9 +104,11 @@ def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
         assert abs(claimed - plain) > 1e-3  # the modification has an effect here
 
 
+@pytest.mark.parametrize("wrapper", [None, "sigma"])
 @pytest.mark.parametrize("inner", INNER)
-def test_small_steps_follow_the_rate(inner):
+def test_small_steps_follow_the_rate(inner, wrapper):
     adaptation = INNER[inner]()
+    adaptation = WRAPPERS[wrapper](adaptation) if wrapper else adaptation
     estimate = begun(adaptation)
     drive = drive_at(estimate.value, noise=0.1)
     h = 1e-6

@@ -83,8 +83,6 @@ def test_a_motion_without_a_place_is_judged_at_home():
     circle = pa.trajectories.Circle(radius=0.1, period=1.2)
     placed = pa.within_limits(circle.placed(robot.position(robot.q0)), robot)
     assert repr(pa.within_limits(circle, robot)) == repr(placed)
-    pose = pa.within_limits(circle, catalogue_robot("ur5", task="pose"))
-    assert pose.at(1.0).x_d.size == 7
 
 
 def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():

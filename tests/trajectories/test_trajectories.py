@@ -30,9 +30,8 @@ motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys()
 
 def test_a_centre_may_be_set_to_any_numbers():
     circle = pa.trajectories.Circle([0.4, 0.0, 0.5])
-    for center in ([1, 0, 1], np.array([1, 0, 1]), np.ones(3, dtype=np.float32)):
-        circle.center = center
-        assert np.allclose(circle.at(np.float32(0.0)).x_d, np.add(center, [0.1, 0.0, 0.0]))
+    circle.center = [1, 0, 1]
+    assert np.allclose(circle.at(0).x_d, [1.1, 0.0, 1.0])
 
 
 @motions

@@ -36,21 +36,6 @@ def test_a_leak_alone_returns_to_the_start():
     assert np.allclose(after.value, a, rtol=1e-9, atol=1e-12)
 
 
-def test_small_steps_of_a_leak_follow_its_rate():
-    robot = catalogue_robot("ur5")
-    a = pa.models.BodyDynamics(robot).initial
-    cone = pa.adaptation.BodyInequality(robot.joint_names)
-    leak = pa.adaptation.Leak(pa.adaptation.Natural(5.0, cone), 0.5)
-    drive = along(np.random.default_rng(4).standard_normal(a.size))
-    estimate = leak.init(a).with_value(1.2 * a)
-    rate = leak.rate(estimate, drive)
-    steps = {h: leak.step(estimate, drive, h).value - estimate.value for h in (1e-4, 5e-5)}
-    misses = [np.abs(step / h - rate.value).max() for h, step in steps.items()]
-    assert misses[0] < 1e-2 * np.abs(rate.value).max()
-    assert misses[1] < 0.55 * misses[0]  # first order in h
-    assert not rate.memory[0].any()
-
-
 # --- the regressor free of noise ---
 
 
