@@ -214,13 +214,17 @@ def mjcf_text(robot: Any) -> str:
     friction = robot.friction
     names = robot.joint_names
     root = ElementTree.Element("mujoco", model=robot.name)
-    lost = ", ".join([*friction.special, *(shaft.name(names) for shaft in friction.shafts)])
+    gone = [*friction.special, *(shaft.name(names) for shaft in friction.shafts)]
+    lost = ", ".join([*gone, *map(str, robot.constraints)])
     lost = f" Not in this file: {lost}." if lost else ""
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    bodies = [ElementTree.SubElement(root, "worldbody")]
     taken = {*robot.frames, "world"}
+    base = ElementTree.SubElement(root, "worldbody")
+    if list(model.parents).count(0) > 2:  # its own and those of several bodies: one is read
+        base = ElementTree.SubElement(base, "body", name=free_name("base", taken))
+    bodies = [base]
     motors = ElementTree.Element("actuator")
     columns = zip(*position_limits(model), effort_limits(model), strict=True)
     for index, (name, (low, high, effort)) in enumerate(zip(names, columns, strict=True), 1):
@@ -244,6 +248,7 @@ def mjcf_text(robot: Any) -> str:
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
         if np.isfinite(effort):
             motor.set("ctrlrange", digits([-effort, effort]))
+            joint.set("actuatorfrcrange", digits([-effort, effort]))  # as robots are read
     for name in robot.frames:
         frame = model.frames[frame_id(model, name)]
         site = {"name": name, **_at(frame.placement)}
