@@ -219,7 +219,9 @@ def within_limits(
     Args:
         motion: as ``simulate`` takes it.
         robot: the model of the robot, with its friction; read only. Redundant joints
-            move as under the default posture of the control laws, from home.
+            move as under a posture of 4 rad/s in the motion's own time, from home; under a faster
+            one, as the default law's, their speeds may exceed the share (1.04 of a Panda's limits
+            where 0.8 was asked).
         share: of the velocity limits, and of the effort limits, that may be used.
         margin: by how much the true torque may exceed that of the model, relative to it; the torque
             of the model stays within share / (1 + margin) of the efforts.

@@ -160,6 +160,13 @@ def test_a_declared_compensation_that_is_missing_is_learned_like_a_load():
     assert max(errors) < 5e-3 and max(errors[-200:]) < 5e-4
 
 
+def test_friction_is_not_taken_for_gravity_that_is_smaller():
+    robot = pa.load("planar_2r", task="joint", locked=["joint2"], gravity=[0.0, -1.0, 0.0])
+    swing = pa.trajectories.Sinusoid(robot.home_angles, 0.2, 2.0)
+    true = robot.changed(coulomb=2.0)
+    assert pa.simulate(true, pa.make_controller(robot), swing, duration=0.1).diverged is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("compensated", [None, "nominal"])
 @pytest.mark.parametrize("name", ["kinova", "planar_2r"])

@@ -138,6 +138,10 @@ def test_a_joint_that_moves_without_inertia_is_named():
         model.appendBodyToJoint(joint, body, pin.SE3.Identity())
     with pytest.raises(pa.RobotError, match=r"'first'.* have no mass or inertia"):
         pa.load(model, task="joint")
+    for parent, name in ((0, "third"), (1, "fourth")):  # Pinocchio needs branch after branch
+        model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), name)
+    with pytest.raises(pa.RobotError, match="joint 'fourth' comes after those of another branch"):
+        pa.load(model, task="joint")
 
 
 @pytest.mark.parametrize("what", ["negative mass", "nan mass", "nan placement", "nan gravity"])

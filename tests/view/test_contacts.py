@@ -53,19 +53,6 @@ def test_a_foot_in_the_air_has_no_force_and_a_chain_no_contact():
     assert of_arm.contact_forces(of_arm.init(m), m, rest).shape == (0, 6)
 
 
-def test_asking_for_forces_changes_no_torque():
-    robot, controller, _ = at_rest("a1")
-    runs = []
-    for asks in (True, False):
-        plant = pa.plants.PinocchioPlant(robot)
-        runs = [*runs, []]
-        for sample in pa.run(plant, controller, Crawl().on(robot), duration=0.02):
-            runs[-1].append(sample.torque)
-            if asks:
-                controller.contact_forces(sample.state, sample.measurement, sample.desired)
-    assert np.array_equal(*runs)
-
-
 class Placed(dict):
     """Keeps where nodes are moved, in place of keyframes."""
 

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import ImplausibleError
+from ..models.joint_effects import expected_coefficients, typical_coefficients
 from ..records import Sensors
 from ..robot.motors import Compensation, Gravity
 from ..robot.robot import Robot
@@ -60,19 +61,22 @@ class FirstSamples:
 
     with the slope of v and the torque sent, weighted as that slope weights it. An arm that adds g_a
     undeclared has p = 1 at its first motion, whatever its inertias. Refused is p above 0.8 and five
-    standard deviations in two windows in a row, where r is along g_a.
+    standard deviations in two windows in a row, where r is along g_a. Where dry friction of usual
+    size could be that share of every joint's gravity torque, nothing shows.
 
     Attributes:
         robot: as described, with the load announced at first.
         gravity: g_a of q (nq).
         window: its length [s].
         noise: (n) standard deviation of dv/dt over a window [rad/s^2 or m/s^2].
+        dry: (n) usual Coulomb friction [N m or N].
     """
 
     robot: Robot
     gravity: Gravity
     window: float
     noise: np.ndarray
+    dry: np.ndarray
 
     def init(self) -> Sums:
         """Return the sums before any sample."""
@@ -119,7 +123,7 @@ class FirstSamples:
     def _share(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau: np.ndarray) -> float | None:
         """Return the share of gravity that a window shows if it is too much, 0 if not.
 
-        None where nothing shows: the arm rests, or gravity does not move it.
+        None where nothing shows: the arm rests, or gravity does not move it, or friction may.
         """
         model = self.robot.model
         own = self.gravity(q)
@@ -127,6 +131,8 @@ class FirstSamples:
         M = pin.crba(model, data, q)
         falling = np.linalg.solve(M, own)
         if not (np.abs(falling).max() > _STILL and np.abs(a).max() > _STILL):
+            return None
+        if (_FALLS * np.abs(own) <= self.dry).all():
             return None
         r = pin.rnea(model, data, q, v, a) + self.robot.friction_at(q).torque(v) - tau
         size = own @ falling
@@ -162,4 +168,5 @@ def make_first_samples(
         noise = np.sqrt(of_q / T**4 + of_v / T**3)
         if CERTAIN * np.linalg.norm(own * noise) <= 0.1 * size:
             break
-    return FirstSamples(robot.undrawn(), gravity, T, noise)
+    dry = expected_coefficients(robot, typical_coefficients(robot))[2]
+    return FirstSamples(robot.undrawn(), gravity, T, noise, dry)

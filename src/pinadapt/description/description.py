@@ -107,6 +107,14 @@ def describe(
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
     model = getattr(source, "model", source)
+    for joint in range(2, model.njoints):
+        if model.parents[joint] not in list(model.supports[joint - 1]):
+            raise RobotError(
+                f"joint '{model.names[joint]}' comes after those of another branch, for which "
+                "Pinocchio's mass matrix is wrong.",
+                where="source",
+                hint="Add all joints of a branch before those of the next.",
+            )
     shapes = {
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
