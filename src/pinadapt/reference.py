@@ -21,6 +21,7 @@ from .description.chain import (
 )
 from .exceptions import InputError
 from .laws.posture import Posture
+from .laws.separation import Separation
 from .records import Desired, Measurement
 from .robot.motors import torque_limits
 from .robot.robot import Robot
@@ -99,13 +100,17 @@ _RESERVE = 0.1
 
 
 def joint_motion(
-    motion: Trajectory, robot: Robot, s: np.ndarray, q: np.ndarray | None = None
+    motion: Trajectory,
+    robot: Robot,
+    s: np.ndarray,
+    q: np.ndarray | None = None,
+    frequency: float = 4.0,
 ) -> JointMotion:
     """Return the joint motion and torques that a motion requires of a robot.
 
     For a task of frames by inverse kinematics: damped least squares from one instant to the
-    next, with the return of the null space to the home pose that the control laws have by default,
-    at the motion's own speed. Where the damping limits the motion, for example outside of the
+    next, with the return of the null space to the home pose at the frequency of a posture, in the
+    motion's own time. Where the damping limits the motion, for example outside of the
     workspace, ``off`` exceeds 1.
 
     Args:
@@ -113,6 +118,7 @@ def joint_motion(
         robot: the model of the robot; read only.
         s: (N) instants at even steps [s], N >= 3.
         q: (nq) where the search for the first configuration begins; None: home.
+        frequency: of the posture [rad/s], see ``Posture``.
 
     Raises:
         InputError: the robot has constraints.
@@ -127,7 +133,8 @@ def joint_motion(
     if isinstance(robot.task, FrameTask):
         h = float(s[1] - s[0])
         targets = [each.x_d for each in asked]
-        poses, off = _followed(robot, robot.task, targets, h, robot.q0 if q is None else q)
+        posture = Posture(robot, frequency=frequency)
+        poses, off = _followed(robot, posture, targets, h, robot.q0 if q is None else q)
         angles = np.array([angles_from_configuration(model, pose) for pose in poses])
         v = np.gradient(np.unwrap(angles, axis=0), h, axis=0, edge_order=2)
         a = np.gradient(v, h, axis=0)
@@ -145,7 +152,7 @@ def joint_motion(
 
 
 def _followed(
-    robot: Robot, task: FrameTask, targets: list[np.ndarray], h: float, q: np.ndarray
+    robot: Robot, posture: Posture, targets: list[np.ndarray], h: float, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return configurations (N, nq) for N targets h [s] apart, and how far (N) they are off these.
 
@@ -155,8 +162,8 @@ def _followed(
     model = robot.model
     data = robot.model.createData()
     reach = robot.reach
+    task = robot.frame_task
     arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
-    posture = Posture(robot)
     share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
 
     def stepped(
@@ -219,9 +226,7 @@ def within_limits(
     Args:
         motion: as ``simulate`` takes it.
         robot: the model of the robot, with its friction; read only. Redundant joints
-            move as under a posture of 4 rad/s in the motion's own time, from home; under a faster
-            one, as the default law's, their speeds may exceed the share (1.04 of a Panda's limits
-            where 0.8 was asked).
+            move as under the posture of the default law, from home.
         share: of the velocity limits, and of the effort limits, that may be used.
         margin: by how much the true torque may exceed that of the model, relative to it; the torque
             of the model stays within share / (1 + margin) of the efforts.
@@ -249,7 +254,20 @@ def within_limits(
         accelerations = joint_numbers(acceleration, "acceleration", n, zero=False)
     span = horizon if given.settles is None else min(max(given.settles, _STEP), horizon)
     s = np.linspace(0.0, span, math.ceil(span / _STEP) + 2)
-    joints = joint_motion(given, robot, s)
+    speeds = share * velocity_limits(robot.model)
+    usable = share / (1.0 + margin) * most
+    slowness = 1.0
+    # In the time of a motion that is slowed a posture is as much faster. Half as many rounds: a
+    # Panda's joint speeds up to 84 % where 80 % are asked and four give 81 %; twice: 81 %.
+    for _ in range(4):
+        frequency = 0.5 * Separation.own_bandwidth * slowness
+        joints = joint_motion(given, robot, s, frequency=frequency)
+        needed = joints.slowness(speeds, usable, accelerations)
+        kind = max(needed, key=lambda each: float(needed[each].max()))
+        before = slowness
+        slowness = max(1.0, float(needed[kind].max()))
+        if slowness == before or robot.model.nv <= robot.task.size:
+            break
     if (lost := joints.off > 1.0).any():
         first, last = s[lost][[0, -1]]
         where = given.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
@@ -258,11 +276,6 @@ def within_limits(
             f"{last:.3g} s of its own time.",
             stacklevel=2,
         )
-    speeds = share * velocity_limits(robot.model)
-    usable = share / (1.0 + margin) * most
-    needed = joints.slowness(speeds, usable, accelerations)
-    kind = max(needed, key=lambda each: float(needed[each].max()))
-    slowness = max(1.0, float(needed[kind].max()))
     joint = robot.joint_names[int(np.argmax(needed[kind]))]
     return Retimed(given, SlowedTime(slowness, f"{kind} of {joint}"))
 

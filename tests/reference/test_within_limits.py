@@ -86,9 +86,9 @@ def test_a_motion_without_a_place_is_judged_at_home():
 
 
 def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
-    robot = catalogue_robot("ur5")
-    slowed = pa.within_limits(fast_circle(robot, 0.3), robot)
-    controller = pa.make_controller(robot, law="resolved-acceleration", adaptation="none", dt=4e-3)
+    robot = catalogue_robot("panda")
+    slowed = pa.within_limits(fast_circle(robot, 0.5, 0.15), robot)
+    controller = pa.make_controller(robot, dt=2e-3)
     rollout = pa.simulate(robot, controller, slowed, duration=4.0)
     assert rollout.distance.max() < 2e-3
     assert (np.abs(rollout.v) <= 0.83 * velocity_limits(robot.model)).all()
