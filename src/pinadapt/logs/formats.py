@@ -89,7 +89,8 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
         raise LogError("is empty.", where=path)
     if twice := [name for name, count in Counter(header).items() if count > 1]:
         raise LogError(f"there are several columns '{twice[0]}'.", where=path)
-    columns = np.genfromtxt(rows, delimiter=mark).reshape(len(rows), -1).T
+    bare = (row.replace('"', "") for row in rows)
+    columns = np.genfromtxt(bare, delimiter=mark).reshape(len(rows), -1).T
     if len(columns) != len(header):
         raise LogError(
             f"{len(columns)} cells in a row, and the header has {len(header)}.", where=path
