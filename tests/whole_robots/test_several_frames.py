@@ -158,6 +158,7 @@ def test_the_second_frame_yields_to_the_first():
         path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0))
         controller = pa.make_controller(robot)
         rollout = pa.simulate(robot, controller, path, duration=1.0, progress=False)
+        assert pa.within_limits(path, robot).law.slowness
         last = np.linalg.norm(rollout.error[-1].reshape(2, 3), axis=1)
         errors |= {(ends[0], end): error for end, error in zip(ends, last, strict=True)}
     assert errors["left_hand", "right_hand"] > 0.03 < errors["right_hand", "right_hand"]
