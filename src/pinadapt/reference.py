@@ -162,7 +162,8 @@ def _followed(
     model = robot.model
     data = robot.model.createData()
     reach = robot.reach
-    task: Any = robot.task  # of one frame or several
+    task = robot.task
+    assert isinstance(task, FrameTask)  # of one frame or several
     arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
     share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
 

@@ -222,7 +222,7 @@ def mjcf_text(robot: Any) -> str:
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
     taken = {*robot.frames, "world"}
     base = ElementTree.SubElement(root, "worldbody")
-    if list(model.parents).count(0) > 2:  # its own and those of several bodies: one is read
+    if list(model.parents)[1:].count(0) > 1:  # of several bodies at the base one would be read
         base = ElementTree.SubElement(base, "body", name=free_name("base", taken))
     bodies = [base]
     motors = ElementTree.Element("actuator")

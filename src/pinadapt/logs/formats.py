@@ -164,7 +164,7 @@ def read_log(
     if options.rate is not None:
         t = np.arange(len(source.t)) / options.rate
         frames = source.x_time
-        if frames is not None:  # those of its own times move with them
+        if frames is not None:  # frames with times of their own: on the new clock
             check_times(source)
             frames = np.interp(frames, source.t, t, np.nan, np.nan)
         source = replace(source, t=t, x_time=frames)

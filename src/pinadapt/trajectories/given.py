@@ -214,7 +214,7 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
         turning = task.continuous if isinstance(task, JointTask) else ()
         motion = converted(given, task.error, task.coordinates == task.size + 1, turning)
         if isinstance(motion, Hold):
-            motion = motion.resting(task.size)
+            motion = motion.with_rows(task.size)
     _check_start(motion, task)
     return motion
 
@@ -274,7 +274,7 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
                 where="trajectory",
             )
         sizes: Any = (None,) * 3 if task is None else (task.coordinates, task.size, task.size)
-        if np.size(start.xd_d) == np.size(start.x_d) != sizes[1] and task is not None:
+        if task is not None and np.size(start.xd_d) == task.coordinates != task.size:
             raise InputError(
                 f"velocities of the task '{task.name}' have {task.size} numbers.",
                 where="trajectory.xd_d",

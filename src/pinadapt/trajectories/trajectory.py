@@ -222,10 +222,10 @@ class Hold(Trajectory):
     @classmethod
     def of(cls, task: Task, measurement: Measurement) -> Hold:
         """Return the rest where a measurement has the robot, a pose with its six velocities."""
-        return cls(task.measured(measurement.x, measurement.q)).resting(task.size)
+        return cls(task.measured(measurement.x, measurement.q)).with_rows(task.size)
 
-    def resting(self, size: int) -> Hold:
-        """Return the same rest with a velocity of so many rows: of a pose 6, of coordinates 7."""
+    def with_rows(self, size: int) -> Hold:
+        """Return the same rest with velocities of so many rows, of a pose 6 for 7 coordinates."""
         made = copy(self)
         made._rest = np.zeros(size)
         return made
