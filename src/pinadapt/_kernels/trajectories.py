@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import cmath
+from math import cos, sin
 
 import numpy as np
 
 from .._compiled import compiled
 
 
-@compiled("void(c16[:,:,:], c16[:], f8, f8[:,:])")
-def harmonics(parts: np.ndarray, iw: np.ndarray, t: float, x: np.ndarray) -> None:
-    """Write x (l, m): Re sum_k parts (l, m, K) exp(i w_k t)."""
+@compiled("void(f8[:,:,:], f8[:], f8, f8[:,:])")
+def harmonics(parts: np.ndarray, w: np.ndarray, t: float, x: np.ndarray) -> None:
+    """Write x (l, m): Re sum_k c_k exp(i w_k t); parts (l, m, 2 K) are Re c_k, Im c_k in turn."""
     rows, columns = x.shape
     for i in range(rows):
         for j in range(columns):
             x[i, j] = 0.0
-    for k in range(len(iw)):
-        turned = cmath.exp(iw[k] * t)
+    for k in range(len(w)):
+        c, s = cos(w[k] * t), sin(w[k] * t)
         for i in range(rows):
             for j in range(columns):
-                x[i, j] += (parts[i, j, k] * turned).real
+                x[i, j] += c * parts[i, j, 2 * k] - s * parts[i, j, 2 * k + 1]

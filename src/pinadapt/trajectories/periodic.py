@@ -47,8 +47,9 @@ class _Harmonic(Trajectory):
             self._unplaced = given
         at = 0.0 if center is None else center
         self.center = vector(at, len(c), "trajectory.center")
-        self._iw = 1j * w
-        self._parts = np.array([c, self._iw * c, self._iw**2 * c])  # and derivatives (3, m, K)
+        self._w = w
+        derivatives = np.array([c, 1j * w * c, -(w**2) * c])  # (3, m, K)
+        self._parts = derivatives.view(float)  # real and imaginary parts in turn (3, m, 2 K)
 
     def placed(self: _Motion, start: np.ndarray) -> _Motion:
         """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
@@ -66,7 +67,7 @@ class _Harmonic(Trajectory):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         x = empty(self._parts.shape[:2])
-        kernels.harmonics(self._parts, self._iw, float(t), x)
+        kernels.harmonics(self._parts, self._w, float(t), x)
         x[0] += self.center
         return Desired(x[0], x[1], x[2])
 
