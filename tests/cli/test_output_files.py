@@ -16,6 +16,7 @@ from pinadapt.cli.run import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
 from tests.cli.test_interrupted import interrupt
 from tests.support.loops import run
+from tests.support.processes import forked
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
@@ -34,17 +35,6 @@ def command(folder, *more, steps=20, title="planar"):
 def shown(folder):
     """Return the names in a folder, without temporary folders."""
     return {path.name for path in folder.iterdir() if not path.name.startswith(UNFINISHED)}
-
-
-def forked(work):
-    """Run some work in a copy of this process and return how that ended."""
-    child = os.fork()
-    if not child:
-        try:
-            work()
-        finally:
-            os._exit(0)
-    return os.waitpid(child, 0)[1]
 
 
 def killed_at(monkeypatch, name, count):
@@ -99,7 +89,8 @@ def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
     written(rollouts[0], tmp_path)
     assert set(of_run(tmp_path)) == {"10"} and shown(tmp_path) == set(RUN_FILES)
     killed_at(monkeypatch, method, count)
-    assert os.WTERMSIG(forked(lambda: written(rollouts[1], tmp_path))) == signal.SIGKILL
+    child = forked(lambda: written(rollouts[1], tmp_path))
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     monkeypatch.undo()
     assert set(of_run(tmp_path)) <= {"10"} or set(of_run(tmp_path)) <= {"15"}
     complete = shown(tmp_path) == set(RUN_FILES)
@@ -113,7 +104,8 @@ def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch
     assert main(command(tmp_path, "--no-html", title="first")) == 0
     interrupt(monkeypatch, lambda: os.kill(os.getpid(), signal.SIGKILL))
     second = command(tmp_path, steps=100, title="second")
-    assert os.WTERMSIG(forked(lambda: main(second))) == signal.SIGKILL
+    child = forked(lambda: main(second))
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     assert json.loads((tmp_path / "summary.json").read_text())["title"] == "first"
     assert {path.name for path in tmp_path.iterdir()} == {
         *PLOTS,

@@ -9,17 +9,10 @@ import pytest
 import pinadapt as pa
 from pinadapt.logs import ImportOptions
 from tests.logs.test_logs import columns_of, same, write_bag, write_csv
-from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded
 
 GEAR = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
 GEAR[5, 4] = 32.0  # a coupled wrist: motor 6 turns with joint 5
-
-
-@pytest.fixture
-def robot():
-    """Return a robot with six joints."""
-    return catalogue_robot("ur5")
 
 
 @pytest.fixture
@@ -69,6 +62,9 @@ def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
     with pytest.raises(pa.LogError, match="--rate HZ"):
         pa.read_log(path, robot)
     assert same(read(replace(log, t=log.t**1.1), robot, rate=250.0), log)
+    seen = recorded("ur5", duration=1.5, dt=4e-3, rate=25.0)
+    slow = replace(seen, t=2.0 * seen.t, x_time=2.0 * seen.x_time)
+    assert same(read(slow, robot, rate=250.0), seen, ("t", "x_time"))  # of late frames, too
     assert same(read(write_csv(tmp_path / "2.csv", jitter), robot), log, ("q", "v", "tau"))
 
 

@@ -14,12 +14,6 @@ STAMP = 1_700_000_000  # [s]
 
 
 @pytest.fixture
-def robot():
-    """Return a robot with six joints."""
-    return catalogue_robot("ur5")
-
-
-@pytest.fixture
 def log():
     """Return a second and a half of its motion."""
     return recorded("ur5", duration=1.5, dt=4e-3, rate=25.0)

@@ -9,12 +9,12 @@ import pinadapt as pa
 from pinadapt.information.tracker import find_camera
 from pinadapt.models.camera_kinematics import CameraKinematics
 from pinadapt.plants.sensors import SimulatedSensors
-from pinadapt.reference import SmallExcitation
 from pinadapt.simulation.simulate import after_excitation
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
 from tests.support.differences import derivative
 from tests.support.identities import check_motion, moving
 from tests.support.loops import energy_along, with_tool_and_load
+from tests.support.recorded import frames_of_small_motions
 
 
 def camera_at(robot, direction, away=3.0, roll=0.4):
@@ -144,11 +144,7 @@ def test_the_camera_is_found_from_frames():
     robot = catalogue_robot("panda")
     true, believed = filmed(robot)
     kinematics = CameraKinematics(believed, ["tool"])
-    motion = SmallExcitation(robot)
-    samples = []
-    for t in np.arange(0.0, 2.0, 0.04):
-        q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
-        samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
+    samples = frames_of_small_motions(robot, true, 0.04)
     found = find_camera(kinematics, samples)
     kinematics.update(found.estimate, samples[20].q, samples[20].v)
     J_hat = kinematics.J

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 import pinadapt as pa
 from pinadapt.information.tracker import find_tracker
 from pinadapt.models.tracker_kinematics import TrackerKinematics
-from pinadapt.reference import SmallExcitation
 from pinadapt.tasks.frame import turned
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
 from tests.support.identities import check_kinematics, check_motion
 from tests.support.loops import check_kinematic_part, energy_along, with_tool_and_load
+from tests.support.recorded import frames_of_small_motions
 
 TURN = np.array([1.2, -1.5, 0.8])  # [rad] 2.1 together
 PLACE = np.array([0.5, -0.4, 1.1])
@@ -156,14 +156,19 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
     check_kinematic_part(energy, controller, true)
 
 
-@pytest.mark.slow
-def test_after_an_excitation_the_angle_of_the_tracker_has_no_influence():
-    """Frame, tool, load and every inertia unknown; in the first second 3 % of the radius."""
+def half_a_turn_off():
+    """Return a robot, a heavier one with tool and load before a tracker, and its circle."""
     robot = catalogue_robot("panda")
     turn = np.pi * TURN / np.linalg.norm(TURN)
     true = with_tool_and_load(robot.changed(inertial_scale=1 / 0.7)).seen_from(turn, PLACE)
+    return robot, true, circle_of(true, robot, 0.1, turn, np.zeros(3))
+
+
+@pytest.mark.slow
+def test_after_an_excitation_the_angle_of_the_tracker_has_no_influence():
+    """Frame, tool, load and every inertia unknown; in the first second 3 % of the radius."""
+    robot, true, circle = half_a_turn_off()
     controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=4e-3)
-    circle = circle_of(true, robot, 0.1, turn, np.zeros(3))
     rollout = pa.simulate(true, controller, circle, duration=2.2, record_every=2)
     assert rollout.diverged is None
     assert rollout.distance.max() < 3e-3
@@ -173,11 +178,8 @@ def test_after_an_excitation_the_angle_of_the_tracker_has_no_influence():
 @pytest.mark.slow
 def test_without_an_excitation_the_path_waits_until_the_axes_are_known():
     """The joints are held, under the load, while the frame moves by millimetres."""
-    robot = catalogue_robot("panda")
-    turn = np.pi * TURN / np.linalg.norm(TURN)
-    true = with_tool_and_load(robot.changed(inertial_scale=1 / 0.7)).seen_from(turn, PLACE)
+    robot, true, circle = half_a_turn_off()
     controller = pa.make_controller(robot, unknown=UNKNOWN, dt=4e-3)
-    circle = circle_of(true, robot, 0.1, turn, np.zeros(3))
     rollout = pa.simulate(true, controller, circle, duration=5.5, start={}, record_every=2)
     begins = int(np.argmax(rollout.path_time > 0.0))
     assert rollout.diverged is None and 3.5 < rollout.t[begins] < 4.0
@@ -214,13 +216,8 @@ def frames():
     """Measurements of a wiggling Panda with a tool, seen by a tracker."""
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=TOOL).seen_from(TURN, PLACE)
-    motion = SmallExcitation(robot)
-    samples = []
-    for t in np.arange(0.0, 2.0, 0.01):
-        q = pa.description.chain.configuration_from_angles(robot.model, motion.at(t).x_d)
-        samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
-    kinematics = TrackerKinematics(robot, ["tool"])
-    return true, kinematics, samples
+    samples = frames_of_small_motions(robot, true, 0.01)
+    return true, TrackerKinematics(robot, ["tool"]), samples
 
 
 def test_the_tracker_is_that_of_the_closed_form(frames):

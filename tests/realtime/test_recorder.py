@@ -33,6 +33,7 @@ from tests.support.arms import (
     heavy,
     robot,
 )
+from tests.support.processes import forked
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +179,7 @@ def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
             safety = Safety(late=10**6, error=10.0)
             RealtimeLoop(arm, of, circle(), stage="adapt", safety=safety, **options).run()
 
-    loop = copied(driven)
+    loop = forked(driven)
     os.close(say)
     with open(said) as lines:
         children = [int(number) for number in lines.readline().split()]
@@ -194,17 +195,6 @@ def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
     assert log.whole and len(log) > 10
     assert log.events[-1]["lost"] == "the process of the loop has died"
     assert log.replay(of).same
-
-
-def copied(work):
-    """Run some work in a copy of this process and return its number."""
-    child = os.fork()
-    if not child:
-        try:
-            work()
-        finally:
-            os._exit(1)
-    return child
 
 
 def runs(pid):

@@ -8,7 +8,7 @@ from pinadapt.reference import Approach
 from tests.support.differences import derivative
 
 XYZ, POSE = pa.tasks.TASKS["xyz"], pa.tasks.TASKS["pose"]
-TURNING = pa.tasks.JointTask("joint", ("a", "b"), (True, False), (0, 2), (0, 1))
+TURNING = pa.tasks.JointTask("joint", ("a", "b"), (True, False), (0, 2), (0, 1), (False, False))
 CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
 SWING = pa.trajectories.Swing([0.0, 1.0, 0.5], 0.3, 2.0, quaternion=[0.5, 0.5, 0.5, 0.5])
 CASES = {

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 import pinadapt as pa
 from pinadapt.description.chain import configuration_from_angles, effort_limits
+from pinadapt.reference import SmallExcitation
 from tests.support.chains import catalogue_robot
 
 LOAD = pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004))
@@ -76,3 +77,13 @@ def recorded(name, noisy=False, seen=True, rate=30.0, **options):
 def identified(name):
     """Return the identification of a robot's noisy log, with nothing told."""
     return pa.identify(recorded(name, noisy=True, dt=4e-3), catalogue_robot(name))
+
+
+def frames_of_small_motions(robot, true, period):
+    """Return measurements of a robot for two seconds, with the position of the true one."""
+    motion = SmallExcitation(robot)
+    samples = []
+    for t in np.arange(0.0, 2.0, period):
+        q = configuration_from_angles(robot.model, motion.at(t).x_d)
+        samples.append(pa.Measurement(t, q, motion.at(t).xd_d, true.position(q)))
+    return samples

@@ -78,7 +78,7 @@ def test_poses_are_differentiated_as_rotations(returns, t):
 
 
 def test_angles_of_continuous_joints_may_jump_by_whole_turns():
-    task = JointTask("joint", ("a", "b"), (True, False), (0, 2), (0, 1))
+    task = JointTask("joint", ("a", "b"), (True, False), (0, 2), (0, 1), (False, False))
     turning = pa.trajectories.Sinusoid([3.0, 0.0], [1.0, 1.0], 2.0)
 
     def wrapped(t):

@@ -95,7 +95,8 @@ def summary(run: Recording) -> Numbers:
     }
     if isinstance(run.task, JointTask):
         task = run.task
-        numbers["recorded"]["joints"] = task.labels, task.continuous, task.places, task.dofs
+        of_joints = task.labels, task.continuous, task.places, task.dofs, task.slides
+        numbers["recorded"]["joints"] = of_joints
     if run.task.frames:
         numbers["recorded"]["frames"] = run.task.frames
     if isinstance(run.task, ImageTask):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
+from ..description.chain import is_slide
 from ..exceptions import InputError
 
 Moving: TypeAlias = tuple[np.ndarray, np.ndarray]
@@ -38,7 +39,8 @@ class RowGroup(NamedTuple):
 
     Attributes:
         name: what they are together: "position", "rotation", "joints" or "picture".
-        unit: "m" or "rad"; among joints, which count as "rad", those of slides are in metres.
+        unit: "m" or "rad"; joints count as "rad" where one of them turns, those of slides are in
+            metres all the same.
         rows: which rows.
         display: how they are shown; None: as their unit.
     """
@@ -190,11 +192,13 @@ class JointTask(Task):
         continuous: for each joint, whether it turns without limits.
         places: where each begins in q.
         dofs: its place in v.
+        slides: whether it is prismatic.
     """
 
     continuous: tuple[bool, ...]
     places: tuple[int, ...]
     dofs: tuple[int, ...]
+    slides: tuple[bool, ...]
 
     positions = 0  # no row is a position of the frame
 
@@ -202,7 +206,7 @@ class JointTask(Task):
     def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
         """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
         rows = [
-            (str(model.names[joint.id]), joint.nq == 2, joint.idx_q, joint.idx_v)
+            (str(model.names[joint.id]), joint.nq == 2, joint.idx_q, joint.idx_v, is_slide(joint))
             for joint in model.joints[1:]
             if chosen is None or chosen[joint.idx_v]
         ]
@@ -211,7 +215,7 @@ class JointTask(Task):
     @property
     def groups(self) -> tuple[RowGroup, ...]:
         """One group: the joints."""
-        return (RowGroup("joints", "rad", slice(0, self.size)),)
+        return (RowGroup("joints", "m" if all(self.slides) else "rad", slice(0, self.size)),)
 
     def of(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of a configuration q (nq)."""
