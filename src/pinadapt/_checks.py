@@ -315,6 +315,17 @@ def positive(
     return float(value)
 
 
+def keep_positive(record: Any, where: str, *names: str, **options: Any) -> None:
+    """Turn attributes of a frozen record that is being made into what ``positive`` returns.
+
+    Raises:
+        InputError: one of them is not positive; ``where`` stands in front of its name.
+    """
+    for name in names:
+        value = positive(getattr(record, name), f"{where}{name}", **options)
+        object.__setattr__(record, name, value)
+
+
 @contextmanager
 def located(path: str, names: Iterable[str] = (), others: Iterable[str] = ()) -> Iterator[None]:
     """Let errors raised inside name their place by a dotted path.

@@ -128,7 +128,7 @@ def joint_motion(
             "how fast a robot with constraints can move is not computed.", where="motion"
         )
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):
         h = float(s[1] - s[0])
@@ -160,7 +160,7 @@ def _followed(
     search for the first configuration begins at q (nq).
     """
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     reach = robot.reach
     task = robot.task
     assert isinstance(task, FrameTask)  # of one frame or several
@@ -267,7 +267,7 @@ def within_limits(
         kind = max(needed, key=lambda each: float(needed[each].max()))
         before = slowness
         slowness = max(1.0, float(needed[kind].max()))
-        if slowness == before or robot.model.nv <= robot.task.size:
+        if slowness == before or n <= robot.task.size:
             break
     if (lost := joints.off > 1.0).any():
         first, last = s[lost][[0, -1]]
@@ -346,7 +346,7 @@ class SmallExcitation(Trajectory):
             InputError: a duration that is not positive.
         """
         model = robot.model
-        n = robot.model.nv
+        n = model.nv
         self.duration = self.settles = positive(duration, "duration")
         home = robot.home_angles
         size = 0.05 * robot.reach

@@ -66,9 +66,8 @@ class Leak(Wrapper):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
         after = super().step(estimate, drive, dt)
-        start = estimate.memory[0]
         share = -math.expm1(-self.leak_rate(drive) * dt)
-        return after.with_value(after.value + share * (start - after.value))
+        return after.with_value(after.value + share * (estimate.memory[0] - after.value))
 
 
 class ErrorLeak(Leak):

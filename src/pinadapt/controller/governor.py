@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import empty
 
-from .._checks import positive
+from .._checks import keep_positive
 from .._kernels import samples as kernels
 from ..description.chain import position_limits, velocity_limits
 from ..exceptions import GainError
@@ -117,9 +117,7 @@ class Governor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that make no governor."""
-        for part in fields(self):
-            number = positive(getattr(self, part.name), f"governor.{part.name}", error=GainError)
-            object.__setattr__(self, part.name, number)
+        keep_positive(self, "governor.", *(part.name for part in fields(self)))
         order = max(self.slow, self.creep, self.effort) < 1.0 < self.hold
         if not (order and self.singular < self.near):
             raise GainError(
@@ -148,14 +146,13 @@ class Governor:
         """
         model = robot.model
         lower, upper = position_limits(model)
-        slides = np.array(list(robot.slides.values()))
         causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length = 1.0 / (self.position * robot.reach)
-        angle = 1.0 / self.angle
-        weight = np.full(task.size, angle)
+        weight = np.full(task.size, 1.0 / self.angle)
         weight[: task.lengths] = length
         if isinstance(task, JointTask):
+            slides = np.array(list(robot.slides.values()))
             weight[slides[list(task.dofs)]] = length
         return PathGovernor(
             self,
@@ -247,7 +244,6 @@ class PathGovernor:
             path.rate, path.acceleration, 2.0 / given.quick, factors,
         )  # fmt: skip
         target = float(factors[least])
-        cause = self.names[least]
         if inverse.conditioning < self.near:
             way = (inverse.conditioning - self.singular) / (self.near - self.singular)
             room = max(way, 0.0)
@@ -255,7 +251,7 @@ class PathGovernor:
                 room *= (room / path.rate) ** 2
             if room < target:
                 return room, SINGULAR
-        return target, cause
+        return target, self.names[least]
 
     def step(self, path: PathTime, target: float, cause: str, dt: float) -> PathTime:
         """Return the time of the path after dt [s] with the target held: exact for any dt."""

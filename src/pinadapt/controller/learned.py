@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
-from .announcement import ControllerParts
 from .state import ControllerState
+
+if TYPE_CHECKING:
+    from .controller import Controller
 
 _FORMAT = "pinadapt learned parameters"
 
@@ -45,9 +47,7 @@ class AlongExcited:
     excited: Excited
     error: float = np.inf
 
-    def estimate(
-        self, controller: ControllerParts, state: ControllerState
-    ) -> tuple[np.ndarray, str]:
+    def estimate(self, controller: Controller, state: ControllerState) -> tuple[np.ndarray, str]:
         """Return the parameters (p) nearest to the start that predict the same torques.
 
         Nearest in the metric of natural adaptation where the parameters are those of bodies, so
@@ -124,7 +124,7 @@ class LearnedParameters:
     @classmethod
     def of(
         cls,
-        controller: ControllerParts,
+        controller: Controller,
         state: ControllerState,
         along: AlongExcited | None = None,
         rows: Iterable[np.ndarray] = (),
@@ -158,7 +158,7 @@ class LearnedParameters:
         return [name for name in self.dynamic if name.rpartition(".")[2] in KINDS]
 
     def start(
-        self, controller: ControllerParts, *, same_load: bool = False
+        self, controller: Controller, *, same_load: bool = False
     ) -> dict[str, np.ndarray | None]:
         """Return ``a_k`` (p_k), ``a_d`` (p_d) and ``information`` (r, p_d) to start from.
 
@@ -172,20 +172,20 @@ class LearnedParameters:
         Raises:
             ParameterError: its parameters have other names.
         """
-        kinematic = controller.kinematics.names
+        kinematics = controller.kinematics
         dynamic = controller.dynamics.names
         start: dict[str, np.ndarray | None] = {
             "a_k": None
             if not self.kinematic
-            else _in_order(self.kinematic, kinematic, "learned.kinematic"),
+            else _in_order(self.kinematic, kinematics.names, "learned.kinematic"),
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
         if self.information:
             rows = np.array(self.information)
             names = list(self.dynamic)
             if not same_load:
-                robot = controller.kinematics.robot
-                rows = _without(rows, names, [robot.joint_names[k] for k in robot.carriers])
+                joints = kinematics.joint_names
+                rows = _without(rows, names, [joints[k] for k in kinematics.robot.carriers])
             start["information"] = rows[:, [names.index(name) for name in dynamic]]
         return start
 

@@ -88,12 +88,12 @@ class AdaptiveJacobian(TaskFeedback):
         """Return the mass or inertia felt by the task rows at home, a number or (m)."""
         robot = motion.robot
         task = motion.kinematics.task
-        w = motion.bandwidth
         if not task.positions:
             return joint_inertia(robot)
         mass = felt_mass(robot)
         if isinstance(task, PoseTask):
-            return np.repeat([mass, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
+            largest = 1.0 / (2.0 * motion.bandwidth * dt)
+            return np.repeat([mass, felt_inertia(robot, largest)], 3)
         return mass
 
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +143,7 @@ class AdaptiveJacobian(TaskFeedback):
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""
         W = motion.unit_masses
-        W_T = motion.unit_masses.swapaxes(1, 2)
+        W_T = W.swapaxes(1, 2)
         one = np.eye(motion.robot.model.nv)
         D = one * (self.posture.damping if self.posture else 0.0)
         tracked = motion.right_inverses @ motion.jacobians

@@ -394,11 +394,6 @@ class BoundedTorque(ApproximateJacobian):
         return self.bound - self.gravity - spring
 
     @classmethod
-    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
-        """Return the default gains, as the class states them."""
-        return {**super().default_gains(motion, dt, w), "bound": None, "gravity": None}
-
-    @classmethod
     def tuned(
         cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
     ) -> BoundedTorque:
@@ -409,8 +404,8 @@ class BoundedTorque(ApproximateJacobian):
         width = Saturation(kinematics.task, gains["width"]).width
         spring = _spring(kinematics, task_gain(gains["K_P"], kinematics.task, "Kp"), width)
         asked = _worst_gravity(motion.robot)
-        bound = gains["bound"]
-        gravity = gains["gravity"]
+        bound = given.get("bound")
+        gravity = given.get("gravity")
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
@@ -473,10 +468,9 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
 def _worst_gravity(robot: Robot) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
     load = assumed_load(robot)
-    loaded = robot.changed(inertial_scale=1.3, payload=load)
-    model = loaded.model
-    data = loaded.model.createData()
-    neutral = pin.neutral(loaded.model)
+    model = robot.changed(inertial_scale=1.3, payload=load).model
+    data = model.createData()
+    neutral = pin.neutral(model)
     low, high = position_bounds(model)
     moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]

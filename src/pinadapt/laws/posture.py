@@ -47,7 +47,8 @@ class Posture:
         M = pin.crba(self._model, self._model.createData(), self._q_rest)
         self.damping = self.frequency * np.diag(M).copy()
         self.plain = self._q_rest.size == self.damping.size
-        angles, (low, high) = resting.home_angles, position_limits(self._model)
+        angles = resting.home_angles
+        low, high = position_limits(self._model)
         margin = np.minimum(0.1 * (high - low), 0.5 * np.minimum(angles - low, high - angles))
         limited = np.isfinite(margin) & (margin > 1e-3)  # [rad or m] else rest is at a limit
         margin = np.where(limited, margin, 1.0)

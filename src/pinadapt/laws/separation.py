@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import definite_matrix, positive
+from .._checks import definite_matrix, keep_positive, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..filters import PositionObserver
@@ -175,14 +175,13 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "R_k")
-        for name in ("lever", "c", "lag"):
-            object.__setattr__(self, name, positive(getattr(self, name), name, zero=True))
+        keep_positive(self, "", "lever", "c", "lag", zero=True)
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
-        lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
-        object.__setattr__(self, "lambda_d", lambda_d)
+        lambda_d = np.asarray(self.lambda_d, dtype=float)
+        object.__setattr__(self, "lambda_d", np.broadcast_to(lambda_d, len(K_D)))
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -352,7 +351,7 @@ class Separation(Law):
         """
         M = motion.mass_matrices
         W = motion.unit_masses
-        W_T = motion.unit_masses.swapaxes(1, 2)
+        W_T = W.swapaxes(1, 2)
         D = W @ self._limited(M) @ W_T
         tracked = W @ M @ motion.right_inverses @ motion.jacobians @ W_T
         null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)

@@ -155,7 +155,7 @@ def joint_inertia(robot: Robot) -> np.ndarray:
 def _mobility(robot: Robot) -> np.ndarray:
     """Return J M^-1 J^T (m, m) of a frame task at home."""
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
     J = J[robot.frame_task.rows]

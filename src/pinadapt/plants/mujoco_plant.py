@@ -160,7 +160,8 @@ class MujocoChain(NamedTuple):
             update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
         turn = data.xmat[self.base].reshape(3, 3).T
-        return task.moving(self.placement(data), pin.Motion(turn @ twist[3:], turn @ twist[:3]))
+        motion = np.append(turn @ twist[3:], turn @ twist[:3])
+        return task.moving(self.placement(data), motion)
 
 
 mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))

@@ -138,7 +138,7 @@ class Checklist:
         robot = controller.kinematics.robot
         self._task = controller.kinematics.task
         model = robot.model
-        n = robot.model.nv
+        n = model.nv
         self._safety = safety
         self._period = facts.period
         self._joints = robot.joint_names

@@ -55,8 +55,9 @@ class BaseFromLegs:
         """
         q = q.copy()
         v = v.copy()
-        q[:4], q[4:6] = 0.0, vector(tilt, 2, "tilt")
-        v[:4], v[4:6] = 0.0, vector(rates, 2, "rates")
+        q[:4] = v[:4] = 0.0
+        q[4:6] = vector(tilt, 2, "tilt")
+        v[4:6] = vector(rates, 2, "rates")
         A = self._contacts.jacobian(q)
         feet = self._contacts.feet
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED

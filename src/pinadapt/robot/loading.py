@@ -197,7 +197,7 @@ def load(
                 q0=q0,
                 free=free,
                 constraints=closed + feet,
-                passive=idle if whole else (),
+                passive=idle,
             )
             break
         except RobotError as error:  # of the first choice, where no chain is able to do the task
@@ -392,7 +392,8 @@ def limbs(robot: Robot) -> list[str]:
         own = set(chain_joints(model, frame_id(model, name)))
         new = own - taken
         if len(new) >= max(2, len(own) // 2 + 1) and not _SENSOR.search(name.lower()):
-            found[name], taken = len(new), taken | own
+            found[name] = len(new)
+            taken |= own
     return [name for name, size in found.items() if 3 * size >= max(found.values())]
 
 

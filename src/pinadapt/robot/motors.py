@@ -180,7 +180,8 @@ class LateTorque:
         t = before.t
         arrived = before.arrived.copy()
         applied = before.applied
-        least, pieces = 1e-6 * dt, []  # rounding
+        least = 1e-6 * dt  # rounding
+        pieces = []
         sent = [(t + delay, joints, command) for delay, joints in self._delayed]
         coming = sorted([*before.coming, *sent], key=lambda each: each[0])
         end = t + dt

@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -115,9 +116,9 @@ class FrameTask(Task):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x of a frame's placement in the world."""
 
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> Moving:
-        """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
-        return self.of(placement), self.jacobian(placement, motion.vector)
+    def moving(self, placement: pin.SE3, J: np.ndarray) -> Moving:
+        """Return x and ``jacobian`` of a frame; of its motion (6) the task velocity (m)."""
+        return self.of(placement), self.jacobian(placement, J)
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame.
@@ -131,35 +132,30 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-
-        def part(own: int) -> Moving:
-            placement = pin.updateFramePlacement(model, data, own)
-            J = pin.getFrameJacobian(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            return self.of(placement), self.jacobian(placement, J)
-
-        return self._of_frames(frame, part)
+        return self._of_frames(model, data, frame, pin.getFrameJacobian)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
+        return self._of_frames(model, data, frame, pin.getFrameVelocity)
 
-        def part(own: int) -> Moving:
+    def _of_frames(
+        self, model: pin.Model, data: pin.Data, frame: int, moved: Callable[..., Any]
+    ) -> Moving:
+        """Return x and task rows of all frames; without names, of this one.
+
+        ``moved`` is Pinocchio's function that returns the Jacobian or the motion of a frame.
+        """
+        found = []
+        for own in self.frames.values() or [frame]:
             placement = pin.updateFramePlacement(model, data, own)
-            return self.moving(
-                placement, pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            )
-
-        return self._of_frames(frame, part)
-
-    def _of_frames(self, frame: int, part: Callable[[int], Moving]) -> Moving:
-        """Return x and rows of all frames, given those of each; without names, of this one."""
-        if not self.frames:
-            return part(frame)
-        x, rows = zip(*map(part, self.frames.values()), strict=True)
+            J = np.asarray(moved(model, data, own, pin.LOCAL_WORLD_ALIGNED))
+            found.append(self.moving(placement, J))
         positions = self.positions // self.count
-        return joined(x, positions), joined(rows, positions)
+        x, rows = (joined(parts, positions) for parts in zip(*found, strict=True))
+        return x, rows
 
 
 @dataclass(frozen=True)
@@ -229,8 +225,10 @@ class PoseTask(FrameTask):
         """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
         p = self.lengths
-        each = self._quaternions
-        phi = [np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q]) for q in each]
+        phi = [
+            np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q])
+            for q in self._quaternions
+        ]
         return np.concatenate([x[:p] - x_d[:p], *phi])
 
     def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
