@@ -7,7 +7,7 @@ they come in, as products of a few of them would overflow somewhere inside.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from numbers import Integral, Real
@@ -315,14 +315,16 @@ def positive(
     return float(value)
 
 
-def keep_positive(record: Any, where: str, *names: str, **options: Any) -> None:
-    """Turn attributes of a frozen record that is being made into what ``positive`` returns.
+def take_checked(
+    record: Any, check: Callable[..., Any], where: str, *names: str, **options: Any
+) -> None:
+    """Turn attributes of a frozen record that is being made into what a check here returns.
 
     Raises:
-        InputError: one of them is not positive; ``where`` stands in front of its name.
+        InputError: as the check; ``where`` stands in front of the name.
     """
     for name in names:
-        value = positive(getattr(record, name), f"{where}{name}", **options)
+        value = check(getattr(record, name), f"{where}{name}", **options)
         object.__setattr__(record, name, value)
 
 

@@ -10,7 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, keep_positive, kept_numbers, mapping, positive, vector, word
+from ._checks import (
+    flag,
+    instance,
+    kept_numbers,
+    mapping,
+    positive,
+    take_checked,
+    vector,
+    word,
+)
 from .exceptions import InputError
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -157,8 +166,8 @@ class Camera:
     def __post_init__(self) -> None:
         """Refuse numbers that no camera has."""
         if self.rate is not None:
-            keep_positive(self, "camera.", "rate")
-        keep_positive(self, "camera.", "delay", "dropout", zero=True)
+            take_checked(self, positive, "camera.", "rate")
+        take_checked(self, positive, "camera.", "delay", "dropout", zero=True)
         if self.delay > 100.0:
             raise InputError(
                 f"must be at most 100 s, got {self.delay:g}.",
@@ -193,7 +202,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no sensor has."""
-        keep_positive(self, "imu.", "tilt", "noise", "rate_noise", zero=True)
+        take_checked(self, positive, "imu.", "tilt", "noise", "rate_noise", zero=True)
 
 
 @dataclass(frozen=True)
@@ -249,11 +258,10 @@ class Sensors:
             checked = kept_numbers(deviation, where)
             noise[name] = checked if name == "tau" else positive(checked, where, zero=True)
         object.__setattr__(self, "noise", noise)
-        object.__setattr__(self, "encoder", kept_numbers(self.encoder, "sensors.encoder"))
+        take_checked(self, kept_numbers, "sensors.", "encoder")
         if self.torque_offset is None:
             return
-        offset = kept_numbers(self.torque_offset, "sensors.torque_offset")
-        object.__setattr__(self, "torque_offset", offset)
+        take_checked(self, kept_numbers, "sensors.", "torque_offset")
         if "tau" not in noise:
             raise InputError(
                 "a torque sensor has noise too.",

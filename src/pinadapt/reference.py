@@ -142,8 +142,7 @@ def joint_motion(
         angles, v, a = (np.array(rows) for rows in zip(*asked, strict=True))
         poses = np.array([configuration_from_angles(model, each) for each in angles])
         off = np.zeros(len(s))
-    rest = np.zeros(model.nv)
-    g = np.array([pin.rnea(model, data, pose, rest, rest) for pose in poses])
+    g = np.array([pin.computeGeneralizedGravity(model, data, pose) for pose in poses])
     torque = np.array([pin.rnea(model, data, *each) for each in zip(poses, v, a, strict=True)])
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
@@ -164,7 +163,7 @@ def _followed(
     reach = robot.reach
     task = robot.task
     assert isinstance(task, FrameTask)  # of one frame or several
-    arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
+    arms = task.per_row(1.0, reach)  # [m/rad]
     share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
 
     def stepped(
@@ -409,8 +408,7 @@ def starting_from(
         return motion
     motion = motion.from_rest(duration=duration)
     first = motion.at(0.0).x_d
-    sizes = np.repeat([robot.reach, 1.0], [task.lengths, task.size - task.lengths])
-    if (np.abs(task.error(x, first)) <= _THERE * sizes).all():
+    if (np.abs(task.error(x, first)) <= _THERE * task.per_row(robot.reach, 1.0)).all():
         return motion
     speeds = np.where([*robot.slides.values()], 0.5 * _SPEED, _SPEED)
     speeds = np.minimum(speeds, 0.8 * velocity_limits(robot.model))

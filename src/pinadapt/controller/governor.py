@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import empty
 
-from .._checks import keep_positive
+from .._checks import positive, take_checked
 from .._kernels import samples as kernels
 from ..description.chain import position_limits, velocity_limits
 from ..exceptions import GainError
@@ -117,9 +117,9 @@ class Governor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that make no governor."""
-        keep_positive(self, "governor.", *(part.name for part in fields(self)))
-        order = max(self.slow, self.creep, self.effort) < 1.0 < self.hold
-        if not (order and self.singular < self.near):
+        take_checked(self, positive, "governor.", *(part.name for part in fields(self)))
+        shares = max(self.slow, self.creep, self.effort)
+        if not (shares < 1.0 < self.hold and self.singular < self.near):
             raise GainError(
                 "slow, creep and effort must be shares below 1, hold more than 1, and singular "
                 f"less than near, got {self}.",
@@ -149,8 +149,7 @@ class Governor:
         causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length = 1.0 / (self.position * robot.reach)
-        weight = np.full(task.size, 1.0 / self.angle)
-        weight[: task.lengths] = length
+        weight = task.per_row(length, 1.0 / self.angle)
         if isinstance(task, JointTask):
             slides = np.array(list(robot.slides.values()))
             weight[slides[list(task.dofs)]] = length

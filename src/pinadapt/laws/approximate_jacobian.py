@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix
+from .._checks import definite_matrix, take_checked
 from ..adaptation.adaptation import Adaptation, Drive, Drives, positive_numbers
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -58,7 +58,7 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        object.__setattr__(self, "width", positive_numbers(self.width, "width", self.task.size))
+        take_checked(self, positive_numbers, "", "width", size=self.task.size)
         if (self._together * self.width != (self._together * self.width).T).any():
             raise GainError("must be one number on the rotation rows.", where="width")
 
@@ -213,13 +213,10 @@ class ApproximateJacobian(Law):
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
         stiffness = w * w * AdaptiveJacobian.felt(motion, dt)
-        task = motion.kinematics.task
-        width = np.full(task.size, _TURN)
-        width[: task.positions] = _WIDTH * motion.robot.reach
         return {
             "Kv": _joint_damping(motion, stiffness, w),
             "Kp": stiffness,
-            "width": width,
+            "width": motion.kinematics.task.per_row(_WIDTH * motion.robot.reach, _TURN),
             "weight": _WEIGHT,
         }
 
@@ -375,9 +372,7 @@ class BoundedTorque(ApproximateJacobian):
             GainError: gains that break a hypothesis of the proof, or the bound.
         """
         super().__post_init__()
-        for name in ("bound", "gravity"):
-            torques = positive_numbers(getattr(self, name), name, self.kinematics.nv)
-            object.__setattr__(self, name, torques)
+        take_checked(self, positive_numbers, "", "bound", "gravity", size=self.kinematics.nv)
         if not (self.brake_limit > 0.0).all():
             i = np.argmin(self.brake_limit)
             raise GainError(

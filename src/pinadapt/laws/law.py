@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -294,9 +294,8 @@ class Law(ABC):
         lambda_s and lead, above which a regressor is free of the noise of v, and the time by which
         the low pass on v delays it; and the speeds that a reference keeps.
         """
-        named: list[str] = [each.name for each in fields(self)] if is_dataclass(self) else []
-        own = {name: value for name, value in values.items() if name in named}
-        return replace(self, **own) if own else self  # type: ignore[type-var]
+        own = {name: value for name, value in values.items() if name in vars(self)}
+        return replace(self, **own) if own and is_dataclass(self) else self
 
     def of_joints(self, task: JointTask) -> Law | None:
         """Return the same feedback with the joints as its task; None if there is no such form."""
@@ -309,9 +308,10 @@ class Law(ABC):
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
         """Return Phi (N, ., p_d) at each state, by which parameter errors move the driving error e.
 
-        de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e.
+        de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e; here it is
+        M_hat^-1/2 Y, the joint acceleration in coordinates of unit mass.
         """
-        return motion.momentum_effects
+        return motion.unit_masses @ motion.regressors
 
     def feedback(self, motion: TypicalMotion) -> Feedback | None:
         """Return the linearised feedback, or None if unknown."""

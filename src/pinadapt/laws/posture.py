@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .._checks import instance, numbers, positive, vector, word
 from .._kernels import laws as kernels
 from ..description.chain import position_limits
+from ..models.typical_motion import joint_inertia
 from ..robot.robot import Robot
 from ..signals import Signals
 
@@ -44,8 +45,7 @@ class Posture:
         resting = robot if rest is None else robot.at(vector(rest, robot.model.nv, "rest"))
         self._model = robot.model.copy()
         self._q_rest = resting.q0
-        M = pin.crba(self._model, self._model.createData(), self._q_rest)
-        self.damping = self.frequency * np.diag(M).copy()
+        self.damping = self.frequency * joint_inertia(resting)
         self.plain = self._q_rest.size == self.damping.size
         angles = resting.home_angles
         low, high = position_limits(self._model)
@@ -92,10 +92,9 @@ class Posture:
         if s.inverse.unique:
             return None, None
         v = s.v
-        w = self.frequency
         psi = empty(v.size)
         psid = empty(v.size)
-        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
+        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, self.frequency, psi, psid)
         return psi, psid
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:

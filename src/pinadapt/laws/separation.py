@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import definite_matrix, keep_positive, positive
+from .._checks import definite_matrix, positive, take_checked
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..filters import PositionObserver
@@ -175,7 +175,7 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "R_k")
-        keep_positive(self, "", "lever", "c", "lag", zero=True)
+        take_checked(self, positive, "", "lever", "c", "lag", zero=True)
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
@@ -298,13 +298,14 @@ class Separation(Law):
 
         The rotation rows of Y_k count times the lever, and only where there is one.
         """
-        dx_o = s.filtered.dx_o
         epsilon = s.epsilon
         X_k = s.X_k
         m, p = X_k.shape
         error = empty(m)
         g_k = empty(p)
-        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
+        kernels.observation_drive(
+            s.Y_k, s.filtered.dx_o, self.c, X_k, epsilon, self.R_k, error, g_k
+        )
         if self.lever:
             turning = self.lever * self.c * self.lever * s.filtered.eta
             error = np.append(error, turning)

@@ -311,7 +311,7 @@ class MujocoFile:
         model.body_gravcomp[:] = 0.0
         joints = [model.joint(name).id for name in names]
         number = model.site(site).id if site else 0
-        bodies = [body.name for body in spec.bodies]
+        bodies = (body.name for body in spec.bodies)
         base = model.body(word(self.base or "world", bodies, "base")).id
         if model.body_weldid[base]:
             raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
@@ -378,8 +378,7 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
         axis = ours.oMi[i].rotation @ axis_of(chain, i)
         theirs = turn.T @ data.xaxis[joint]
-        slide = is_slide(chain.joints[i])
-        kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
+        kind = mj.mjtJoint.mjJNT_SLIDE if is_slide(chain.joints[i]) else mj.mjtJoint.mjJNT_HINGE
         if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
             raise InputError(
                 f"joint '{name}' of the file and '{chain.names[i]}' of the description differ in "

@@ -14,7 +14,6 @@ from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
 from ..robot.base_from_legs import BaseFromLegs
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask
 
 
 class SimulatedSensors:
@@ -62,14 +61,13 @@ class SimulatedSensors:
         self.task = robot.task
         self._model = robot.model
         self._seed = whole(seed, "seed", 0)
-        rows = self.task.positions, self.task.size - self.task.positions
         angle = sensors.deviation("angle")
-        if angle and not (isinstance(self.task, FrameTask) and all(rows)):
+        if angle and not 0 < self.task.positions < self.task.size:
             raise InputError(
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        self._deviations = np.repeat([sensors.deviation("x"), angle], rows)
+        self._deviations = self.task.per_row(sensors.deviation("x"), angle)
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
         self._counted = counts > 0.0
         self._count = np.where(counts > 0.0, counts, 1.0)

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from .._checks import (
     instance,
     joint_numbers,
-    keep_positive,
     numbers,
     positive,
     shown,
+    take_checked,
     vector,
     word,
 )
@@ -180,8 +180,8 @@ class Shaft:
             RobotError: negative coefficients, or a sign other than 1 and -1.
         """
         parts = "armature", "viscous", "coulomb"
-        keep_positive(self, "shafts.", *parts, zero=True, error=RobotError)
-        keep_positive(self, "shafts.", "threshold", error=RobotError)
+        take_checked(self, positive, "shafts.", *parts, zero=True, error=RobotError)
+        take_checked(self, positive, "shafts.", "threshold", error=RobotError)
         if len(self.joints) != 2 or self.joints[0] == self.joints[1]:
             raise RobotError(
                 f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"

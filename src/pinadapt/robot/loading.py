@@ -282,8 +282,7 @@ def _load_chain(
         chosen = _task_named(task or "pose", model)
         home = home_inside_limits(model, [np.concatenate([np.zeros(6), shown])])
     else:
-        poses = [shown, pin.neutral(model)]
-        chosen, home = choose_task(model, tips, task, poses, plane)
+        chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
     if isinstance(chosen, ComTask):
         chosen = replace(chosen, model=model.copy(), frame=tips[0])
     if len(frames) > 1 and isinstance(chosen, FrameTask):

@@ -229,10 +229,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     task = robot.task
     q = robot.q0
     assert isinstance(task, FrameTask)
-    m = task.lengths
     home = robot.home_angles
     count = len(robot.frames)
-    arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
+    arms = task.per_row(1.0, robot.reach)  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
@@ -259,7 +258,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
             return None
         if robot.contacts and not _balanced(tool, constraints, q):
             return None
-        offset = np.append(np.tile(way, count), np.zeros(task.size - m))
+        offset = np.append(np.tile(way, count), np.zeros(task.size - task.lengths))
         x = task.at(model, data, tool.frame_id, q)
         to_go = np.zeros(len(J))  # constraints hold
         to_go[: task.size] = arms * task.error(task.moved(start, offset), x)

@@ -125,7 +125,6 @@ def simulate(
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
     dt = engine.period(controller)
-    motors = engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
     duration = positive(duration, "duration", error=InputError)
@@ -144,14 +143,13 @@ def simulate(
             hint="Take sensors=pa.Sensors() for perfect ones.",
         )
     if engine.ideal_acceleration or controller.limits.torque is None:
-        controller = controller.limited(motors)
+        controller = controller.limited(engine.motors(true))
     started = perf_counter()
     plant = engine.make(true, controller)
     if events.changes and not plant.described:
         raise InputError(
             "the robot of a model file does not change while it moves.", where="changes"
         )
-    indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = placed_trajectory(trajectory, true)
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
@@ -180,6 +178,7 @@ def simulate(
     )
     live = progress == "live"
     name = title or true.name
+    indices = sample_indices(duration, dt, ends=engine.continuous)
     steps = watched(indices, None if live else progress, name)
     with ExitStack() as stack, np.errstate(all="ignore"):  # a loop that diverges overflows
         if live:

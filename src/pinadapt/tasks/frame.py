@@ -319,7 +319,8 @@ class ImageTask(PositionTask):
     @cached_property
     def projections(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows (m, 4) of H that give z y of each coordinate, and those that give its depth z."""
-        H, (cameras, rows) = np.array(self.cameras), zip(*self.picks, strict=True)
+        H = np.array(self.cameras)
+        cameras, rows = zip(*self.picks, strict=True)
         return H[cameras, rows], H[cameras, 2]
 
     def of(self, placement: pin.SE3) -> np.ndarray:
@@ -341,7 +342,8 @@ class ImageTask(PositionTask):
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian, or dy/dt of a motion."""
-        y, (above, below) = self.of(placement), self.projections
+        y = self.of(placement)
+        above, below = self.projections
         z = below[:, :3] @ placement.translation + below[:, 3]
         return (above - y[:, None] * below)[:, :3] / z[:, None] @ J[:3]
 
@@ -402,7 +404,8 @@ class ComTask(PoseTask):
         turned = quaternion(pin.updateFramePlacement(*given).rotation)
         J = pin.getFrameJacobian(*given, pin.LOCAL_WORLD_ALIGNED)
         J_rate = pin.getFrameJacobianTimeVariation(*given, pin.LOCAL_WORLD_ALIGNED)
-        J[:3], J_rate[:3] = data.Ag[:3] / data.Ig.mass, data.dAg[:3] / data.Ig.mass
+        J[:3] = data.Ag[:3] / data.Ig.mass
+        J_rate[:3] = data.dAg[:3] / data.Ig.mass
         return np.append(data.com[0], turned), J, J_rate
 
 
@@ -433,7 +436,8 @@ def pinhole_camera(
     """
     eye = vector(position, 3, "position", fills=False)
     at = vector(target, 3, "target", fills=False)
-    (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
+    u, v = vector(centre, 2, "centre", fills=False)
+    (turn,) = vector(roll, 1, "roll")
     f = positive(focal, "focal", error=InputError)
     away = np.linalg.norm(at - eye)
     if not away > 0.0:
