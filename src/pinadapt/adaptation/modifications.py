@@ -153,8 +153,9 @@ class DeadZone(Wrapper):
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
-        tracking = _share_outside(drive.e, self.size)
-        return drive.scaled(tracking, _share_outside(drive.residual, self.residual))
+        return drive.scaled(
+            _share_outside(drive.e, self.size), _share_outside(drive.residual, self.residual)
+        )
 
 
 def _share_outside(error: np.ndarray | None, size: np.ndarray | None) -> float:

@@ -110,9 +110,9 @@ class JointEffects:
         self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        shafts = np.concatenate([np.eye(self._n), friction.directions])
         self.places = at
-        self.tables = (columns, _shape(friction), shafts)
+        D = np.concatenate([np.eye(self._n), friction.directions])
+        self.tables = (columns, _shape(friction), D)
         self.names = tuple(pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(signed))

@@ -249,7 +249,7 @@ def _load_chain(
     locks = {changes.joint_id(described, name, "locked") for name in locked}
     chain = joints
     if not whole:
-        tips = [frame_id(described, name) for name in frames]
+        tips = (frame_id(described, name) for name in frames)
         chain = {joint for tip in tips for joint in chain_joints(described, tip)}
     keep = sorted(chain - floating - locks)
     check_joints(described, keep, () if whole else found.mimics)
@@ -276,8 +276,12 @@ def _load_chain(
     plane = MountingPlane()
     if not (floating or found.frame or whole or len(frames) > 1):
         plane = MountingPlane.of(model, tips[0], shown)
-    follow = [joint for joint in found.mimics if model.existJointName(joint)]
-    constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
+    couplings = [
+        Coupling(joint, *leader)
+        for joint, leader in found.mimics.items()
+        if model.existJointName(joint)
+    ]
+    constraints = *couplings, *constraints
     if free:
         chosen = _task_named(task or "pose", model)
         home = home_inside_limits(model, [np.concatenate([np.zeros(6), shown])])
