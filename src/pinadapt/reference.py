@@ -329,8 +329,6 @@ class SmallExcitation(Trajectory):
         amplitudes: (n) A [rad or m].
     """
 
-    settles: float
-
     def __init__(self, robot: Robot, duration: float = 2.0) -> None:
         """Choose amplitudes that move the frame by a twentieth of the reach each.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
 
@@ -145,13 +145,14 @@ class FastFeedback(Law):
 
 
 _STATED = [
-    "bandwidth_share",
     "parameter_effects",
     "feedback",
     "kinematic_loop",
     *(
         name
-        for name, hint in get_type_hints(Law).items()
-        if get_origin(hint) is ClassVar and name not in ("name", "sources")
+        for name, value in vars(Law).items()
+        if isinstance(value, bool | float | str | tuple | dict | None)
+        and not name.startswith("_")
+        and name != "sources"
     ),
 ]

@@ -203,30 +203,30 @@ class Law(ABC):
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
-    name: ClassVar[str]
-    adapts: ClassVar[bool] = True
-    needs_task_velocity: ClassVar[bool] = False
-    uses_position_error: ClassVar[bool] = False
-    velocity_error: ClassVar[bool] = False
-    uses_acceleration: ClassVar[bool] = True
-    inverts_estimate: ClassVar[bool] = False
-    keeps_speeds: ClassVar[bool] = False
-    joint_space: ClassVar[bool] = False
-    set_point: ClassVar[bool] = False
-    constrained: ClassVar[bool] = False
-    learns_kinematics: ClassVar[bool] = True
-    approximate_regressor: ClassVar[bool] = False
-    learns_from_torque: ClassVar[bool] = False
-    joint_effects: ClassVar[str] = "none"
+    name: str
+    adapts = True
+    needs_task_velocity = False
+    uses_position_error = False
+    velocity_error = False
+    uses_acceleration = True
+    inverts_estimate = False
+    keeps_speeds = False
+    joint_space = False
+    set_point = False
+    constrained = False
+    learns_kinematics = True
+    approximate_regressor = False
+    learns_from_torque = False
+    joint_effects = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
-    adaptation_mode: ClassVar[float] = 2.0
-    remembers: ClassVar[bool] = False
-    joint_mode: ClassVar[float] = 3.0
-    kinematic_mode: ClassVar[float] = 0.15
-    own_bandwidth: ClassVar[float | None] = None
-    prediction_mode: ClassVar[float] = 0.5
-    posture_share: ClassVar[float] = 1.0
-    units: ClassVar[tuple[str, str]] = ("", "")
+    adaptation_mode = 2.0
+    remembers = False
+    joint_mode = 3.0
+    kinematic_mode = 0.15
+    own_bandwidth: float | None = None
+    prediction_mode = 0.5
+    posture_share = 1.0
+    units = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
     bandwidth_share: float = 1.0
 

@@ -249,7 +249,7 @@ def _load_chain(
     locks = {changes.joint_id(described, name, "locked") for name in locked}
     chain = joints
     if not whole:
-        tips = (frame_id(described, name) for name in frames)
+        tips = [frame_id(described, name) for name in frames]
         chain = {joint for tip in tips for joint in chain_joints(described, tip)}
     keep = sorted(chain - floating - locks)
     check_joints(described, keep, () if whole else found.mimics)

@@ -29,8 +29,6 @@ class _Harmonic(Trajectory):
             places it, the centre is zero.
     """
 
-    center: np.ndarray
-
     def _take(
         self,
         center: ArrayLike | None,
@@ -78,8 +76,6 @@ class _Sines(_Harmonic):
     Attributes:
         center, amplitude: (m) [m or rad].
     """
-
-    amplitude: np.ndarray
 
     def _take_sines(
         self,
