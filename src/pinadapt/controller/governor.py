@@ -22,7 +22,7 @@ from ..exceptions import GainError
 from ..models.right_inverse import RightInverse
 from ..records import Camera, Desired, Sensors
 from ..robot.robot import Robot
-from ..tasks.task import JointTask, Task
+from ..tasks.task import JointTask, Moving, Task
 from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
@@ -216,7 +216,7 @@ class PathGovernor:
         path: PathTime,
         dx: np.ndarray,
         q: np.ndarray,
-        desired: tuple[np.ndarray, np.ndarray],
+        desired: Moving,
         inverse: RightInverse,
         torque: np.ndarray,
         age: float,

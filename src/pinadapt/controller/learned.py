@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,8 @@ from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
+from .announcement import ControllerParts
 from .state import ControllerState
-
-if TYPE_CHECKING:
-    from .controller import Controller
 
 _FORMAT = "pinadapt learned parameters"
 
@@ -47,7 +45,9 @@ class AlongExcited:
     excited: Excited
     error: float = np.inf
 
-    def estimate(self, controller: Controller, state: ControllerState) -> tuple[np.ndarray, str]:
+    def estimate(
+        self, controller: ControllerParts, state: ControllerState
+    ) -> tuple[np.ndarray, str]:
         """Return the parameters (p) nearest to the start that predict the same torques.
 
         Nearest in the metric of natural adaptation where the parameters are those of bodies, so
@@ -124,7 +124,7 @@ class LearnedParameters:
     @classmethod
     def of(
         cls,
-        controller: Controller,
+        controller: ControllerParts,
         state: ControllerState,
         along: AlongExcited | None = None,
         rows: Iterable[np.ndarray] = (),
@@ -158,7 +158,7 @@ class LearnedParameters:
         return [name for name in self.dynamic if name.rpartition(".")[2] in KINDS]
 
     def start(
-        self, controller: Controller, *, same_load: bool = False
+        self, controller: ControllerParts, *, same_load: bool = False
     ) -> dict[str, np.ndarray | None]:
         """Return ``a_k`` (p_k), ``a_d`` (p_d) and ``information`` (r, p_d) to start from.
 

@@ -19,6 +19,7 @@ from ..models.typical_motion import (
 )
 from ..signals import Signals
 from ..tasks.frame import PoseTask
+from ..tasks.task import Moving
 from .law import Command, EstimatedModel, Feedback, Truth, check_in_place
 from .task_feedback import TaskFeedback
 
@@ -96,7 +97,7 @@ class AdaptiveJacobian(TaskFeedback):
             return np.repeat([mass, felt_inertia(robot, largest)], 3)
         return mass
 
-    def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _reference(self, s: Signals, Jdot: np.ndarray) -> Moving:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
         u = empty(s.dx.size)
         ud = empty(s.dx.size)

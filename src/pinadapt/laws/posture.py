@@ -16,6 +16,7 @@ from ..description.chain import position_limits
 from ..models.typical_motion import joint_inertia
 from ..robot.robot import Robot
 from ..signals import Signals
+from ..tasks.task import Moving
 
 
 class Posture:
@@ -87,7 +88,7 @@ class Posture:
         kernels.posture_velocity(self.coordinates(q), self.rows, still, -1.0, offset, rate)
         return offset
 
-    def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    def null_motion(self, s: Signals) -> Moving | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
         if s.inverse.unique:
             return None, None

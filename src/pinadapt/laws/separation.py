@@ -21,7 +21,7 @@ from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
 from ..signals import Signals
 from ..tasks.frame import rotation_drift
-from ..tasks.task import JointTask, Task
+from ..tasks.task import JointTask, Moving, Task
 from .law import (
     Command,
     EstimatedModel,
@@ -234,7 +234,7 @@ class Separation(Law):
         """Return the same feedback with the joints as its task."""
         return replace(self, task=task, R_k=1.0, lever=0.0)
 
-    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+    def _reference(self, s: Signals) -> Moving:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
         In the rows of an orientation its error, measured or observed, stands for x_o - x_d.
@@ -251,7 +251,7 @@ class Separation(Law):
             ud -= self.alpha * delta
         return u, ud
 
-    def _joint_reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _joint_reference(self, s: Signals, Jdot: np.ndarray) -> Moving:
         """Return qd_r = J_hat^+ u + N psi, within the speeds, and its derivative (n) for dJ_hat/dt.
 
         N psi is the null motion of the posture.

@@ -19,7 +19,7 @@ from ..records import Measurement
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
-from ..tasks.task import Task
+from ..tasks.task import Moving, Task
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_missing
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class MujocoChain(NamedTuple):
         base = pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
         return base.actInv(frame)
 
-    def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self, task: Task, data: mujoco.MjData) -> Moving:
         """Return x and the task velocity (m) in the axes of the base, after updating the data."""
         assert isinstance(task, FrameTask)
         mj = mujoco_module()

@@ -14,6 +14,7 @@ from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
 from ..robot.base_from_legs import BaseFromLegs
 from ..robot.robot import Robot
+from ..tasks.task import Moving
 
 
 class SimulatedSensors:
@@ -125,7 +126,7 @@ class SimulatedSensors:
         q, v = self._base(seen.q, seen.v, tilt, truth.v[4:6] + imu.rate_noise * noise[1])
         return seen._replace(q=q, v=v, x=self._robot.position(q), x_time=None, xd=None)
 
-    def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _read(self, q: np.ndarray, v: np.ndarray) -> Moving:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
         angles = angles_from_configuration(self._model, q)
         counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from .._checks import vector
 from ..exceptions import RobotError
+from ..tasks.task import Moving
 from .constraints import Constraints
 from .robot import Robot
 
@@ -42,9 +43,7 @@ class BaseFromLegs:
         self._contacts.jacobian(robot.q0)
         self.footholds = self._contacts.feet
 
-    def __call__(
-        self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray) -> Moving:
         """Return q (nq) and v (n) with the base's coordinates of this sample.
 
         Args:
