@@ -6,7 +6,6 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -139,20 +138,21 @@ class FrameTask(Task):
     ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
-        return self._of_frames(model, data, frame, pin.getFrameVelocity)
+        return self._of_frames(model, data, frame, lambda *own: pin.getFrameVelocity(*own).vector)
 
     def _of_frames(
-        self, model: pin.Model, data: pin.Data, frame: int, moved: Callable[..., Any]
+        self, model: pin.Model, data: pin.Data, frame: int, moved: Callable[..., np.ndarray]
     ) -> Moving:
         """Return x and task rows of all frames; without names, of this one.
 
-        ``moved`` is Pinocchio's function that returns the Jacobian or the motion of a frame.
+        ``moved`` is a function of Pinocchio that returns the Jacobian or the motion of a frame.
         """
         found = []
-        for own in self.frames.values() or [frame]:
+        for own in self.frames.values() or (frame,):
             placement = pin.updateFramePlacement(model, data, own)
-            J = np.asarray(moved(model, data, own, pin.LOCAL_WORLD_ALIGNED))
-            found.append(self.moving(placement, J))
+            found.append(self.moving(placement, moved(model, data, own, pin.LOCAL_WORLD_ALIGNED)))
+        if not self.frames:
+            return found[0]
         positions = self.positions // self.count
         x, rows = (joined(parts, positions) for parts in zip(*found, strict=True))
         return x, rows
