@@ -22,9 +22,10 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
+from pinadapt.controller.state import Sample
 from pinadapt.plants.plant import SimulatedPlant
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.simulation.simulate import Record, record, rollout_of
+from pinadapt.simulation.simulate import record, rollout_of
 
 from .shared import HERE, in_turn, save
 
@@ -37,7 +38,7 @@ class Loop:
     """A simulated closed loop, run block by block; everything is recorded, as in a run.
 
     Attributes:
-        kept: the record.
+        samples: those recorded.
         steps: time of the control steps of each block [s].
     """
 
@@ -51,26 +52,27 @@ class Loop:
         self._plant = plant
         self._controller = controller
         self._stream = pa.run(plant, controller, path)
-        self.kept = Record()
+        self.samples = list[Sample]()
         self.steps = list[float]()
 
     def block(self) -> float:
         """Run the next block; return its time without the control steps [s]."""
         started = perf_counter()
         with np.errstate(all="ignore"):
-            kept = record(self._stream, range(BLOCK), self._controller)
-        if kept.reason:
-            raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
-        self.kept.samples += kept.samples
-        self.steps.append(sum(sample.step_time for sample in kept.samples))
+            samples, self.ended = record(self._stream, range(BLOCK), self._controller)
+        if self.ended["reason"]:
+            raise RuntimeError(f"this loop cannot be timed: {self.ended['reason']}")
+        self.samples += samples
+        self.steps.append(sum(sample.step_time for sample in samples))
         return perf_counter() - started - self.steps[-1]
 
     def rollout(self) -> float:
         """Make the rollout of all blocks; return its time per block [s]."""
         started = perf_counter()
         robots = pa.robot.Succession.of(self._plant.robot)
-        rollout_of(self.kept, self._plant, self._controller, robots, title="", wall_time=0.0)
-        return (perf_counter() - started) * BLOCK / len(self.kept.samples)
+        told = {"title": "", "wall_time": 0.0, **self.ended}
+        rollout_of(self.samples, self._plant, self._controller, robots, **told)
+        return (perf_counter() - started) * BLOCK / len(self.samples)
 
 
 def measure(name: str, scenario: Scenario, plant: SimulatedPlant) -> dict[str, Any]:

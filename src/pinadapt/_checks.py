@@ -7,7 +7,7 @@ they come in, as products of a few of them would overflow somewhere inside.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from numbers import Integral, Real
@@ -313,6 +313,19 @@ def positive(
     if 0.0 < size < SMALLEST:
         raise error(f"is too small to compute with, under {SMALLEST:.3g}: {size}.", where=name)
     return float(value)
+
+
+def take_checked(
+    record: Any, check: Callable[..., Any], where: str, *names: str, **options: Any
+) -> None:
+    """Turn attributes of a frozen record that is being made into what a check here returns.
+
+    Raises:
+        InputError: as the check; ``where`` stands in front of the name.
+    """
+    for name in names:
+        value = check(getattr(record, name), f"{where}{name}", **options)
+        object.__setattr__(record, name, value)
 
 
 @contextmanager

@@ -10,7 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, kept_numbers, mapping, positive, vector, word
+from ._checks import (
+    flag,
+    instance,
+    kept_numbers,
+    mapping,
+    positive,
+    take_checked,
+    vector,
+    word,
+)
 from .exceptions import InputError
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -157,10 +166,8 @@ class Camera:
     def __post_init__(self) -> None:
         """Refuse numbers that no camera has."""
         if self.rate is not None:
-            object.__setattr__(self, "rate", positive(self.rate, "camera.rate"))
-        for name in ("delay", "dropout"):
-            number = positive(getattr(self, name), f"camera.{name}", zero=True)
-            object.__setattr__(self, name, number)
+            take_checked(self, positive, "camera.", "rate")
+        take_checked(self, positive, "camera.", "delay", "dropout", zero=True)
         if self.delay > 100.0:
             raise InputError(
                 f"must be at most 100 s, got {self.delay:g}.",
@@ -168,8 +175,10 @@ class Camera:
                 hint="It is in seconds: 30 ms are 0.03.",
             )
         if self.dropout >= 1.0:
-            words = f"must be a share of the frames, below 1, got {self.dropout:g}."
-            raise InputError(words, where="camera.dropout")
+            raise InputError(
+                f"must be a share of the frames, below 1, got {self.dropout:g}.",
+                where="camera.dropout",
+            )
 
 
 @dataclass(frozen=True)
@@ -193,9 +202,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no sensor has."""
-        for name in ("tilt", "noise", "rate_noise"):
-            given = getattr(self, name)
-            object.__setattr__(self, name, positive(given, f"imu.{name}", zero=True))
+        take_checked(self, positive, "imu.", "tilt", "noise", "rate_noise", zero=True)
 
 
 @dataclass(frozen=True)
@@ -251,11 +258,10 @@ class Sensors:
             checked = kept_numbers(deviation, where)
             noise[name] = checked if name == "tau" else positive(checked, where, zero=True)
         object.__setattr__(self, "noise", noise)
-        object.__setattr__(self, "encoder", kept_numbers(self.encoder, "sensors.encoder"))
+        take_checked(self, kept_numbers, "sensors.", "encoder")
         if self.torque_offset is None:
             return
-        offset = kept_numbers(self.torque_offset, "sensors.torque_offset")
-        object.__setattr__(self, "torque_offset", offset)
+        take_checked(self, kept_numbers, "sensors.", "torque_offset")
         if "tau" not in noise:
             raise InputError(
                 "a torque sensor has noise too.",
@@ -282,8 +288,8 @@ class Sensors:
         Raises:
             InputError: an encoder resolution for another number of joints.
         """
-        counts = vector(self.encoder, nv, "sensors.encoder")
-        differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
+        count = vector(self.encoder, nv, "sensors.encoder").max(initial=0.0)
+        differenced = float(count) / (dt * math.sqrt(6.0))
         camera = self.camera or Camera()
         rate = min(camera.rate or math.inf, 1.0 / dt)
         age = 0.0 if self.camera is None else camera.delay + 1.0 / rate

@@ -128,7 +128,7 @@ def joint_motion(
             "how fast a robot with constraints can move is not computed.", where="motion"
         )
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):
         h = float(s[1] - s[0])
@@ -142,8 +142,7 @@ def joint_motion(
         angles, v, a = (np.array(rows) for rows in zip(*asked, strict=True))
         poses = np.array([configuration_from_angles(model, each) for each in angles])
         off = np.zeros(len(s))
-    rest = np.zeros(model.nv)
-    g = np.array([pin.rnea(model, data, pose, rest, rest) for pose in poses])
+    g = np.array([pin.computeGeneralizedGravity(model, data, pose) for pose in poses])
     torque = np.array([pin.rnea(model, data, *each) for each in zip(poses, v, a, strict=True)])
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
@@ -160,11 +159,11 @@ def _followed(
     search for the first configuration begins at q (nq).
     """
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     reach = robot.reach
     task = robot.task
     assert isinstance(task, FrameTask)  # of one frame or several
-    arms = np.repeat([1.0, reach], [task.lengths, task.size - task.lengths])  # [m/rad]
+    arms = task.per_row(1.0, reach)  # [m/rad]
     share = 1.0 - math.exp(-posture.frequency * h) if model.nv > task.size else 0.0
 
     def stepped(
@@ -267,7 +266,7 @@ def within_limits(
         kind = max(needed, key=lambda each: float(needed[each].max()))
         before = slowness
         slowness = max(1.0, float(needed[kind].max()))
-        if slowness == before or robot.model.nv <= robot.task.size:
+        if slowness == before or n <= robot.task.size:
             break
     if (lost := joints.off > 1.0).any():
         first, last = s[lost][[0, -1]]
@@ -330,8 +329,6 @@ class SmallExcitation(Trajectory):
         amplitudes: (n) A [rad or m].
     """
 
-    settles: float
-
     def __init__(self, robot: Robot, duration: float = 2.0) -> None:
         """Choose amplitudes that move the frame by a twentieth of the reach each.
 
@@ -346,7 +343,7 @@ class SmallExcitation(Trajectory):
             InputError: a duration that is not positive.
         """
         model = robot.model
-        n = robot.model.nv
+        n = model.nv
         self.duration = self.settles = positive(duration, "duration")
         home = robot.home_angles
         size = 0.05 * robot.reach
@@ -409,8 +406,7 @@ def starting_from(
         return motion
     motion = motion.from_rest(duration=duration)
     first = motion.at(0.0).x_d
-    sizes = np.repeat([robot.reach, 1.0], [task.lengths, task.size - task.lengths])
-    if (np.abs(task.error(x, first)) <= _THERE * sizes).all():
+    if (np.abs(task.error(x, first)) <= _THERE * task.per_row(robot.reach, 1.0)).all():
         return motion
     speeds = np.where([*robot.slides.values()], 0.5 * _SPEED, _SPEED)
     speeds = np.minimum(speeds, 0.8 * velocity_limits(robot.model))

@@ -100,16 +100,22 @@ class Drive:
             gradient = self.gradient if e is None else tracking * self.gradient
             return Drive(self.Y, e, gradient=gradient, observed=self.observed)
         root = math.sqrt(prediction)
-        W = root * self.W
-        residual = root * self.residual
-        return Drive(self.Y, e, W, residual, self.weight, observed=self.observed)
+        return Drive(
+            self.Y, e, root * self.W, root * self.residual, self.weight, observed=self.observed
+        )
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        Y = self.Y[:, block]
         W = None if self.W is None else self.W[:, block]
-        gradient = self.gradient[block]
-        return Drive(Y, self.e, W, self.residual, self.weight, gradient, self.observed)
+        return Drive(
+            self.Y[:, block],
+            self.e,
+            W,
+            self.residual,
+            self.weight,
+            self.gradient[block],
+            self.observed,
+        )
 
     @classmethod
     def none(cls, size: int) -> Drive:
@@ -226,7 +232,7 @@ class Adaptation(ABC):
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), a new array, at an estimate, X (p, l)."""
-        drives = [Drive(g[None], None, gradient=g) for g in X.T]
+        drives = (Drive(g[None], None, gradient=g) for g in X.T)
         columns = [-self.rate(estimate, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros(X.shape)
 
@@ -419,13 +425,13 @@ class Stacked(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
-        split = self._split(estimate)
-        return self._joined([part.rate(own, drive.columns(block)) for part, block, own in split])
+        rates = [part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)]
+        return self._joined(rates)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         before = estimate.value
-        value = np.empty(estimate.value.size)
+        value = np.empty(before.size)
         after = []
         for (part, block), own in zip(self.parts, self._memories(estimate), strict=True):
             moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
@@ -435,34 +441,37 @@ class Stacked(Adaptation):
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        split = self._split(estimate)
-        stored = [part.storage(own, truth[block]) for part, block, own in split]
+        stored = [part.storage(own, truth[b]) for part, b, own in self._split(estimate)]
         return None if None in stored else sum(filter(None, stored))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
-        split = self._split(estimate)
-        return sum(part.dissipation(own, drive.columns(b), truth[b]) for part, b, own in split)
+        return sum(
+            part.dissipation(own, drive.columns(block), truth[block])
+            for part, block, own in self._split(estimate)
+        )
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), block by block."""
-        split = self._split(estimate)
-        return np.concatenate([part.gain_times(own, X[block]) for part, block, own in split])
+        return np.concatenate(
+            [part.gain_times(own, X[block]) for part, block, own in self._split(estimate)]
+        )
 
     def _memories(self, estimate: Estimate) -> tuple[Any, ...]:
         """Return the memory of each block."""
-        memories: tuple[Any, ...] = estimate.memory or self._empty
+        memories = estimate.memory or self._empty
         if len(memories) != len(self.parts):
             raise InputError("the estimate is that of another adaptation.", where="state")
         return memories
 
     def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        value = estimate.value
-        pairs = zip(self.parts, self._memories(estimate), strict=True)
-        return [(part, block, Estimate(value[block], own)) for (part, block), own in pairs]
+        return [
+            (part, block, Estimate(estimate.value[block], own))
+            for (part, block), own in zip(self.parts, self._memories(estimate), strict=True)
+        ]
 
     def _joined(self, blocks: Sequence[Estimate]) -> Estimate:
         """Return the estimates of all blocks as one."""
         value = np.concatenate([block.value for block in blocks])
-        return Estimate(value, tuple([block.memory for block in blocks]))
+        return Estimate(value, tuple(block.memory for block in blocks))

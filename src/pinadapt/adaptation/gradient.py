@@ -39,7 +39,7 @@ class Gradient(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         value = estimate.value
-        after = empty(estimate.value.size)
+        after = empty(value.size)
         kernels.advance(value, self._descent.dot(drive.gradient), dt, after)
         return Estimate(after)
 

@@ -138,7 +138,8 @@ class LeastSquares(Adaptation):
         """
         size = whole(size, "size", 0, most=MOST_PARAMETERS)
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, size, "gamma_d"))
-        self._prior, self._root = np.linalg.inv(self.P_0), np.linalg.cholesky(self.P_0)
+        self._prior = np.linalg.inv(self.P_0)
+        self._root = np.linalg.cholesky(self.P_0)
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.directional = flag(directional, "directional")
         self.unit = positive(unit, "unit")

@@ -66,9 +66,8 @@ class Leak(Wrapper):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
         after = super().step(estimate, drive, dt)
-        start = estimate.memory[0]
         share = -math.expm1(-self.leak_rate(drive) * dt)
-        return after.with_value(after.value + share * (start - after.value))
+        return after.with_value(after.value + share * (estimate.memory[0] - after.value))
 
 
 class ErrorLeak(Leak):
@@ -154,8 +153,9 @@ class DeadZone(Wrapper):
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
-        tracking = _share_outside(drive.e, self.size)
-        return drive.scaled(tracking, _share_outside(drive.residual, self.residual))
+        return drive.scaled(
+            _share_outside(drive.e, self.size), _share_outside(drive.residual, self.residual)
+        )
 
 
 def _share_outside(error: np.ndarray | None, size: np.ndarray | None) -> float:

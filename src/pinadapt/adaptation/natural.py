@@ -69,11 +69,11 @@ class MatrixInequality:
         self.blocks = whole(blocks, "blocks", 0, most=MOST_PARAMETERS)
         self._p, self._n, _ = F.shape
         self.size = self.blocks * self._p
-        flat = F.reshape(self._p, -1)
         self.complete = self._p == self._n * (self._n + 1) // 2
-        self._flat, self._dual = flat, np.linalg.solve(flat @ flat.T, flat)  # rows F_i and D_i
-        dual = _entries(self._dual.reshape(self.F.shape))
-        self._constants = (self._p, self._n, *_entries(self.F), *dual)
+        self._flat = flat = F.reshape(self._p, -1)  # rows F_i
+        self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
+        dual = _entries(self._dual.reshape(F.shape))
+        self._constants = (self._p, self._n, *_entries(F), *dual)
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -338,7 +338,7 @@ class ExponentiatedGradient(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
-        after = empty(estimate.value.size)
+        after = empty(a.size)
         kernels.exponentiate(a, drive.gradient, self._rates, dt, _LONGEST, after)
         return Estimate(after)
 

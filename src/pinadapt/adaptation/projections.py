@@ -272,7 +272,8 @@ class GravityProjection(Wrapper):
         """
         super().__init__(inner)
         self.bound = np.atleast_1d(positive_numbers(bound, "gravity"))
-        self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
+        self._dynamics = dynamics
+        self._rest = np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p), moved where its gravity torque at q exceeds the bound."""

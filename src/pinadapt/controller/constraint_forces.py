@@ -84,12 +84,11 @@ class ConstraintForces:
             InputError: the solver is not installed.
         """
         self.constraints = constraints or robot.constrained
-        n = robot.model.nv
         self._contacts = robot.contacts
         self._motors = np.flatnonzero(robot.motors)
         self._idle = np.flatnonzero(~robot.motors)
         self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
-        limits = np.full(n, _NONE) if limits is None else np.minimum(limits, _NONE)
+        limits = np.full(robot.model.nv, _NONE) if limits is None else np.minimum(limits, _NONE)
         self._limits = limits[self._motors]
         self._mobilities = 1.0 / joint_inertia(robot)
         A = self.constraints.jacobian(robot.q0)
@@ -116,7 +115,8 @@ class ConstraintForces:
             _solver()
             pyramids = [_pyramid(part) for part in self._contacts]
             cones = block_diag(*pyramids)
-            first, borne = k - cones.shape[1], list[str]()  # the contacts come last
+            first = k - cones.shape[1]  # the contacts come last
+            borne = list[str]()
             self._cones = np.pad(cones, ((0, self._motors.size), (first, m)))
             self._soles = []  # and the first columns of their forces, and of their torques
             for number, (part, pyramid) in enumerate(zip(self._contacts, pyramids, strict=True)):
@@ -169,7 +169,9 @@ class ConstraintForces:
         equal = self._equal.copy()
         right = np.zeros(len(equal))
         H[:k, :k] += own.T.dot(own)
-        g[:k], equal[:rest, :k], right[:rest] = -asked.dot(own), idle, wanted[self._idle]
+        g[:k] = -asked.dot(own)
+        equal[:rest, :k] = idle
+        right[:rest] = wanted[self._idle]
         if len(equal) > rest:
             equal[rest:, :k], right[rest:] = self.constraints.squeezes(k)
         if self._contacts:
@@ -178,8 +180,11 @@ class ConstraintForces:
             for sole, at in self._soles:  # stated in its axes
                 axes = self.constraints.placements[sole].rotation
                 C[:, at : at + 3] = C[:, at : at + 3].dot(axes.T)
-            C[n:, :k], low, high = own, np.zeros(len(C)), np.full(len(C), _NONE)
-            low[n:], high[n:] = asked - self._limits, asked + self._limits
+            C[n:, :k] = own
+            low = np.zeros(len(C))
+            high = np.full(len(C), _NONE)
+            low[n:] = asked - self._limits
+            high[n:] = asked + self._limits
             solve = _solver().dense.solve
             found = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS)
             x = found.x
@@ -224,11 +229,13 @@ def _pyramid(contact: Contact) -> np.ndarray:
     a quarter of the sum of half the length and half the width. That is a quarter to a third of what
     the corners bear by themselves, as they bear forces along the ground too.
     """
-    mu, rows = contact.friction / np.sqrt(2.0), np.zeros((11, 6))  # the pyramid inside of the cone
+    mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
+    rows = np.zeros((11, 6))
     rows[:5, :3] = [[0, 0, 1], [-1, 0, mu], [1, 0, mu], [0, -1, mu], [0, 1, mu]]
     if contact.sole is None:
         return rows[:5, :3]
     length, width = contact.sole
     rows[5:, 2] = np.repeat([width, length, 0.25 * contact.friction * (length + width)], 2)
-    rows[5::2, 3:], rows[6::2, 3:] = -np.eye(3), np.eye(3)
+    rows[5::2, 3:] = -np.eye(3)
+    rows[6::2, 3:] = np.eye(3)
     return rows

@@ -140,11 +140,18 @@ class Controller:
 
     def _make_scratch(self) -> None:
         """Make the model that a law gets, Pinocchio's data, and the lock for a thread's use."""
-        parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
         nothing = Estimate(np.zeros(0))
-        stop = self.limits.stop_on_divergence
-        self._estimated = EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
-        self._alone, self._data = Lock(), self.kinematics.robot.model.createData()
+        self._estimated = EstimatedModel(
+            self.kinematics,
+            self.dynamics,
+            self.adaptation_k,
+            self.adaptation_d,
+            nothing,
+            nothing,
+            stop_on_divergence=self.limits.stop_on_divergence,
+        )
+        self._alone = Lock()
+        self._data = self.kinematics.robot.model.createData()
 
     def __repr__(self) -> str:
         """Return law, task, what is adapted and how, and what it was made for."""
@@ -240,12 +247,9 @@ class Controller:
             dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
             H = squared(information_k, kinematics.size, "information_k")
             kinematic = self.adaptation_k.init(a_k, H)
-            torque_filter = self._torque_filter
             sensed = self.senses.init(measurement, kinematics, kinematic.value)
             if information_k is not None:
                 sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
-            q = measurement.q
-            v = measurement.v
             return ControllerState(
                 t=measurement.t,
                 dynamic=dynamic,
@@ -255,7 +259,9 @@ class Controller:
                 adapting=adapting,
                 load=None if self.nominal is None else self.nominal.load,
                 sensed=sensed,
-                torque_filter=() if torque_filter is None else torque_filter.init(q, v),
+                torque_filter=()
+                if self._torque_filter is None
+                else self._torque_filter.init(measurement.q, measurement.v),
                 path=None if self.limits.governor is None else PathTime(),
             )
 
@@ -328,8 +334,10 @@ class Controller:
         if self._torque_filter is None or after.dynamic is state.dynamic:
             return after
         # what the low passes hold is of the load before
-        filters, (q, v, *_) = self._filters.undisturbed(after.filters), after.sensed
-        return after._replace(filters=filters, torque_filter=self._torque_filter.init(q, v))
+        return after._replace(
+            filters=self._filters.undisturbed(after.filters),
+            torque_filter=self._torque_filter.init(after.sensed.q, after.sensed.v),
+        )
 
     def learned(self, state: ControllerState, along: AlongExcited | None = None) -> Robot:
         """Return the robot with the estimates of a state: bodies, translations, joints.
@@ -520,11 +528,10 @@ class Controller:
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model = self.kinematics.robot.model
-            dynamics = self.dynamics
             sensed = self.senses.fallback(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
-            dynamics.load(state.a_d)
-            torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
+            self.dynamics.load(state.a_d)
+            torque = self.dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
             limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
             torque -= damping * inertia * sensed.v

@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import empty
 
-from .._checks import positive
+from .._checks import positive, take_checked
 from .._kernels import samples as kernels
 from ..description.chain import position_limits, velocity_limits
 from ..exceptions import GainError
 from ..models.right_inverse import RightInverse
 from ..records import Camera, Desired, Sensors
 from ..robot.robot import Robot
-from ..tasks.task import JointTask, Task
+from ..tasks.task import JointTask, Moving, Task
 from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
@@ -117,11 +117,9 @@ class Governor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that make no governor."""
-        for part in fields(self):
-            number = positive(getattr(self, part.name), f"governor.{part.name}", error=GainError)
-            object.__setattr__(self, part.name, number)
-        order = max(self.slow, self.creep, self.effort) < 1.0 < self.hold
-        if not (order and self.singular < self.near):
+        take_checked(self, positive, "governor.", *(part.name for part in fields(self)))
+        shares = max(self.slow, self.creep, self.effort)
+        if not (shares < 1.0 < self.hold and self.singular < self.near):
             raise GainError(
                 "slow, creep and effort must be shares below 1, hold more than 1, and singular "
                 f"less than near, got {self}.",
@@ -148,14 +146,12 @@ class Governor:
         """
         model = robot.model
         lower, upper = position_limits(model)
-        slides = np.array(list(robot.slides.values()))
         causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length = 1.0 / (self.position * robot.reach)
-        angle = 1.0 / self.angle
-        weight = np.full(task.size, angle)
-        weight[: task.lengths] = length
+        weight = task.per_row(length, 1.0 / self.angle)
         if isinstance(task, JointTask):
+            slides = np.array(list(robot.slides.values()))
             weight[slides[list(task.dofs)]] = length
         return PathGovernor(
             self,
@@ -220,7 +216,7 @@ class PathGovernor:
         path: PathTime,
         dx: np.ndarray,
         q: np.ndarray,
-        desired: tuple[np.ndarray, np.ndarray],
+        desired: Moving,
         inverse: RightInverse,
         torque: np.ndarray,
         age: float,
@@ -247,7 +243,6 @@ class PathGovernor:
             path.rate, path.acceleration, 2.0 / given.quick, factors,
         )  # fmt: skip
         target = float(factors[least])
-        cause = self.names[least]
         if inverse.conditioning < self.near:
             way = (inverse.conditioning - self.singular) / (self.near - self.singular)
             room = max(way, 0.0)
@@ -255,7 +250,7 @@ class PathGovernor:
                 room *= (room / path.rate) ** 2
             if room < target:
                 return room, SINGULAR
-        return target, cause
+        return target, self.names[least]
 
     def step(self, path: PathTime, target: float, cause: str, dt: float) -> PathTime:
         """Return the time of the path after dt [s] with the target held: exact for any dt."""

@@ -140,8 +140,12 @@ class InputCheck:
                 raise MeasurementError("x", None, "is missing, and the first sample needs it")
             self.finite(measurement)
         except MeasurementError as error:  # without the hint for a loop that runs
-            hint = "Start from a measurement that has all signals, each of the right size."
-            raise MeasurementError(error.field, error.value, error.flaw, hint=hint) from None
+            raise MeasurementError(
+                error.field,
+                error.value,
+                error.flaw,
+                hint="Start from a measurement that has all signals, each of the right size.",
+            ) from None
         return measurement
 
     def desired(self, given: Desired) -> Desired:
@@ -158,8 +162,9 @@ class InputCheck:
                 return desired
             return DesiredSteps.of(desired, self._feet(given.feet))
         except MeasurementError as error:
-            where = f"desired.{error.field}"
-            raise InputError(f"{error.flaw}, got {error.value!r}.", where=where) from None
+            raise InputError(
+                f"{error.flaw}, got {error.value!r}.", where=f"desired.{error.field}"
+            ) from None
 
     def _feet(self, given: Feet) -> Feet:
         """Return the motion of the contacts as arrays of floats.

@@ -172,20 +172,20 @@ class LearnedParameters:
         Raises:
             ParameterError: its parameters have other names.
         """
-        kinematic = controller.kinematics.names
+        kinematics = controller.kinematics
         dynamic = controller.dynamics.names
         start: dict[str, np.ndarray | None] = {
             "a_k": None
             if not self.kinematic
-            else _in_order(self.kinematic, kinematic, "learned.kinematic"),
+            else _in_order(self.kinematic, kinematics.names, "learned.kinematic"),
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
         if self.information:
             rows = np.array(self.information)
             names = list(self.dynamic)
             if not same_load:
-                robot = controller.kinematics.robot
-                rows = _without(rows, names, [robot.joint_names[k] for k in robot.carriers])
+                joints = kinematics.joint_names
+                rows = _without(rows, names, [joints[k] for k in kinematics.robot.carriers])
             start["information"] = rows[:, [names.index(name) for name in dynamic]]
         return start
 

@@ -181,10 +181,9 @@ def make_box(kinematics: TaskKinematics, given: ArrayLike | bool | None) -> np.n
         return None
     if given is None or given is True:
         return kinematics.bounds
-    names = kinematics.names
     p = kinematics.size
     given = numbers(given, "limits.box", error=ParameterError)
     if given.shape == (2, p):
         return given
-    margin = vector(given, p, "limits.box", names=names, error=ParameterError)
+    margin = vector(given, p, "limits.box", names=kinematics.names, error=ParameterError)
     return kinematics.initial + np.stack([-margin, margin])

@@ -25,7 +25,7 @@ import pinocchio as pin
 from numpy import empty
 
 from .._kernels import samples as kernels
-from ..description.chain import effort_limits, is_slide, position_limits, velocity_limits
+from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import ImplausibleError, MeasurementError
 from ..models.delay_compensation import SensedState
 from ..models.task_kinematics import TaskKinematics
@@ -446,14 +446,12 @@ def make_guards(
     """
     model = robot.model
     size = robot.reach
-    guards = Guards.none(robot.model)
+    guards = Guards.none(model)
     bounds = guards.bounds
-    torque = guards.torque
     m = kinematics.positions
     farthest = math.inf
     frames = None
-    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
-    lengths = np.where(slides, min(1.0, size), 1.0)
+    lengths = np.where(list(robot.slides.values()), min(1.0, size), 1.0)
     fast = velocity_limits(model)
     if on["velocity"]:
         bounds["fastest"] = 10.0 * fast  # half or double: the same faults are found
@@ -480,7 +478,7 @@ def make_guards(
             frames = FrameFit(kinematics.initial, prior, scatter)
     if on["gravity"]:
         deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
-        torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
+        guards.torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
     return replace(
         guards,
         sensed=CERTAIN * quality.tau,

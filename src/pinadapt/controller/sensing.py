@@ -50,7 +50,8 @@ class Senses:
         Raises:
             ImplausibleError: this robot cannot be there.
         """
-        measurement, monitor = measurement._replace(x_time=None), new_monitor(measurement.v)
+        measurement = measurement._replace(x_time=None)
+        monitor = new_monitor(measurement.v)
         before = SensedState(measurement.q, measurement.v, monitor=monitor)
         sensed = self.read(before, measurement.t, measurement, kinematics, a_k)[0]
         self.guards.check_turn(measurement, kinematics, monitor)

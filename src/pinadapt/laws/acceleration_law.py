@@ -67,7 +67,7 @@ class AccelerationLaw(TaskFeedback):
 
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
         """Return Phi = J M_hat^-1 Y (N, m, p_d) at each state."""
-        return motion.acceleration_effects
+        return motion.jacobians @ np.linalg.solve(motion.mass_matrices, motion.regressors)
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the task error."""

@@ -86,15 +86,14 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     needs_task_velocity = True
 
     def _check(self) -> None:
-        if self.Q is None:
+        Q = self.Q
+        if Q is None:
+            from scipy.linalg import block_diag  # slow to import
+
             check_margin(self.K_v, self.alpha)
-            none = np.zeros_like(self.K_v)
-            one = np.eye(self.task.size)
-            position = self.alpha * self.K_P
-            velocity = self.K_v - self.alpha * one
-            Q = 2.0 * np.block([[position, none], [none, velocity]])
-            object.__setattr__(self, "Q", Q)
-        object.__setattr__(self, "Q", task_gain(self.Q, self.task, "Q", copies=2))
+            velocity = self.K_v - self.alpha * np.eye(self.task.size)
+            Q = 2.0 * block_diag(self.alpha * self.K_P, velocity)
+        object.__setattr__(self, "Q", task_gain(Q, self.task, "Q", copies=2))
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:

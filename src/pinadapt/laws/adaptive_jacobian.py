@@ -19,6 +19,7 @@ from ..models.typical_motion import (
 )
 from ..signals import Signals
 from ..tasks.frame import PoseTask
+from ..tasks.task import Moving
 from .law import Command, EstimatedModel, Feedback, Truth, check_in_place
 from .task_feedback import TaskFeedback
 
@@ -88,15 +89,15 @@ class AdaptiveJacobian(TaskFeedback):
         """Return the mass or inertia felt by the task rows at home, a number or (m)."""
         robot = motion.robot
         task = motion.kinematics.task
-        w = motion.bandwidth
         if not task.positions:
             return joint_inertia(robot)
         mass = felt_mass(robot)
         if isinstance(task, PoseTask):
-            return np.repeat([mass, felt_inertia(robot, 1.0 / (2.0 * w * dt))], 3)
+            largest = 1.0 / (2.0 * motion.bandwidth * dt)
+            return np.repeat([mass, felt_inertia(robot, largest)], 3)
         return mass
 
-    def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _reference(self, s: Signals, Jdot: np.ndarray) -> Moving:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
         u = empty(s.dx.size)
         ud = empty(s.dx.size)
@@ -143,7 +144,7 @@ class AdaptiveJacobian(TaskFeedback):
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""
         W = motion.unit_masses
-        W_T = motion.unit_masses.swapaxes(1, 2)
+        W_T = W.swapaxes(1, 2)
         one = np.eye(motion.robot.model.nv)
         D = one * (self.posture.damping if self.posture else 0.0)
         tracked = motion.right_inverses @ motion.jacobians

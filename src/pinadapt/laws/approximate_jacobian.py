@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix
+from .._checks import definite_matrix, take_checked
 from ..adaptation.adaptation import Adaptation, Drive, Drives, positive_numbers
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -58,7 +58,7 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        object.__setattr__(self, "width", positive_numbers(self.width, "width", self.task.size))
+        take_checked(self, positive_numbers, "", "width", size=self.task.size)
         if (self._together * self.width != (self._together * self.width).T).any():
             raise GainError("must be one number on the rotation rows.", where="width")
 
@@ -213,13 +213,10 @@ class ApproximateJacobian(Law):
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
         """Return the default gains, as the class states them."""
         stiffness = w * w * AdaptiveJacobian.felt(motion, dt)
-        task = motion.kinematics.task
-        width = np.full(task.size, _TURN)
-        width[: task.positions] = _WIDTH * motion.robot.reach
         return {
             "Kv": _joint_damping(motion, stiffness, w),
             "Kp": stiffness,
-            "width": width,
+            "width": motion.kinematics.task.per_row(_WIDTH * motion.robot.reach, _TURN),
             "weight": _WEIGHT,
         }
 
@@ -375,9 +372,7 @@ class BoundedTorque(ApproximateJacobian):
             GainError: gains that break a hypothesis of the proof, or the bound.
         """
         super().__post_init__()
-        for name in ("bound", "gravity"):
-            torques = positive_numbers(getattr(self, name), name, self.kinematics.nv)
-            object.__setattr__(self, name, torques)
+        take_checked(self, positive_numbers, "", "bound", "gravity", size=self.kinematics.nv)
         if not (self.brake_limit > 0.0).all():
             i = np.argmin(self.brake_limit)
             raise GainError(
@@ -394,11 +389,6 @@ class BoundedTorque(ApproximateJacobian):
         return self.bound - self.gravity - spring
 
     @classmethod
-    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
-        """Return the default gains, as the class states them."""
-        return {**super().default_gains(motion, dt, w), "bound": None, "gravity": None}
-
-    @classmethod
     def tuned(
         cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
     ) -> BoundedTorque:
@@ -409,8 +399,8 @@ class BoundedTorque(ApproximateJacobian):
         width = Saturation(kinematics.task, gains["width"]).width
         spring = _spring(kinematics, task_gain(gains["K_P"], kinematics.task, "Kp"), width)
         asked = _worst_gravity(motion.robot)
-        bound = gains["bound"]
-        gravity = gains["gravity"]
+        bound = given.get("bound")
+        gravity = given.get("gravity")
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
@@ -473,10 +463,9 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
 def _worst_gravity(robot: Robot) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
     load = assumed_load(robot)
-    loaded = robot.changed(inertial_scale=1.3, payload=load)
-    model = loaded.model
-    data = loaded.model.createData()
-    neutral = pin.neutral(loaded.model)
+    model = robot.changed(inertial_scale=1.3, payload=load).model
+    data = model.createData()
+    neutral = pin.neutral(model)
     low, high = position_bounds(model)
     moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]

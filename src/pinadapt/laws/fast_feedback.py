@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
 
-from .._checks import instance, joint_numbers
+from .._checks import instance, joint_numbers, take_checked
 from ..exceptions import GainError, InputError, MeasurementError, RobotError
 from ..filters import Filters
 from ..models.typical_motion import joint_inertia
@@ -69,8 +69,7 @@ class FastFeedback(Law):
         """Check the gain; state of itself what the law states."""
         instance(self.law, Law | str, "law")
         if self.gain is not None:
-            gain = joint_numbers(self.gain, "gain", zero=False, error=GainError)
-            object.__setattr__(self, "gain", gain)
+            take_checked(self, joint_numbers, "", "gain", zero=False, error=GainError)
         if isinstance(self.law, Law):
             for name in _STATED:
                 object.__setattr__(self, name, getattr(self.law, name))
@@ -100,8 +99,7 @@ class FastFeedback(Law):
             InputError: encoders at the motors, or neither springs nor a gain.
             RobotError: a motor without inertia.
         """
-        elastic = actuators.elastic
-        if actuators.encoders != "link" if elastic else self.gain is None:
+        if actuators.encoders != "link" if actuators.elastic else self.gain is None:
             raise InputError(
                 "fast feedback needs springs, encoders at the links, and the motors' velocity.",
                 where="limits.actuators",
@@ -147,13 +145,14 @@ class FastFeedback(Law):
 
 
 _STATED = [
-    "bandwidth_share",
     "parameter_effects",
     "feedback",
     "kinematic_loop",
     *(
         name
-        for name, hint in get_type_hints(Law).items()
-        if get_origin(hint) is ClassVar and name not in ("name", "sources")
+        for name, value in vars(Law).items()
+        if isinstance(value, bool | float | str | tuple | dict | None)
+        and not name.startswith("_")
+        and name != "sources"
     ),
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -203,30 +203,30 @@ class Law(ABC):
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
-    name: ClassVar[str]
-    adapts: ClassVar[bool] = True
-    needs_task_velocity: ClassVar[bool] = False
-    uses_position_error: ClassVar[bool] = False
-    velocity_error: ClassVar[bool] = False
-    uses_acceleration: ClassVar[bool] = True
-    inverts_estimate: ClassVar[bool] = False
-    keeps_speeds: ClassVar[bool] = False
-    joint_space: ClassVar[bool] = False
-    set_point: ClassVar[bool] = False
-    constrained: ClassVar[bool] = False
-    learns_kinematics: ClassVar[bool] = True
-    approximate_regressor: ClassVar[bool] = False
-    learns_from_torque: ClassVar[bool] = False
-    joint_effects: ClassVar[str] = "none"
+    name: str
+    adapts = True
+    needs_task_velocity = False
+    uses_position_error = False
+    velocity_error = False
+    uses_acceleration = True
+    inverts_estimate = False
+    keeps_speeds = False
+    joint_space = False
+    set_point = False
+    constrained = False
+    learns_kinematics = True
+    approximate_regressor = False
+    learns_from_torque = False
+    joint_effects = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
-    adaptation_mode: ClassVar[float] = 2.0
-    remembers: ClassVar[bool] = False
-    joint_mode: ClassVar[float] = 3.0
-    kinematic_mode: ClassVar[float] = 0.15
-    own_bandwidth: ClassVar[float | None] = None
-    prediction_mode: ClassVar[float] = 0.5
-    posture_share: ClassVar[float] = 1.0
-    units: ClassVar[tuple[str, str]] = ("", "")
+    adaptation_mode = 2.0
+    remembers = False
+    joint_mode = 3.0
+    kinematic_mode = 0.15
+    own_bandwidth: float | None = None
+    prediction_mode = 0.5
+    posture_share = 1.0
+    units = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
     bandwidth_share: float = 1.0
 
@@ -294,9 +294,8 @@ class Law(ABC):
         lambda_s and lead, above which a regressor is free of the noise of v, and the time by which
         the low pass on v delays it; and the speeds that a reference keeps.
         """
-        named: list[str] = [each.name for each in fields(self)] if is_dataclass(self) else []
-        own = {name: value for name, value in values.items() if name in named}
-        return replace(self, **own) if own else self  # type: ignore[type-var]
+        own = {name: value for name, value in values.items() if name in vars(self)}
+        return replace(self, **own) if own and is_dataclass(self) else self
 
     def of_joints(self, task: JointTask) -> Law | None:
         """Return the same feedback with the joints as its task; None if there is no such form."""
@@ -309,9 +308,10 @@ class Law(ABC):
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
         """Return Phi (N, ., p_d) at each state, by which parameter errors move the driving error e.
 
-        de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e.
+        de/dt = ... + Phi da with the drive Y^T e = Phi^T e in suitable coordinates of e; here it is
+        M_hat^-1/2 Y, the joint acceleration in coordinates of unit mass.
         """
-        return motion.momentum_effects
+        return motion.unit_masses @ motion.regressors
 
     def feedback(self, motion: TypicalMotion) -> Feedback | None:
         """Return the linearised feedback, or None if unknown."""

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 from .._checks import instance, numbers, positive, vector, word
 from .._kernels import laws as kernels
 from ..description.chain import position_limits
+from ..models.typical_motion import joint_inertia
 from ..robot.robot import Robot
 from ..signals import Signals
+from ..tasks.task import Moving
 
 
 class Posture:
@@ -44,10 +46,10 @@ class Posture:
         resting = robot if rest is None else robot.at(vector(rest, robot.model.nv, "rest"))
         self._model = robot.model.copy()
         self._q_rest = resting.q0
-        M = pin.crba(self._model, self._model.createData(), self._q_rest)
-        self.damping = self.frequency * np.diag(M).copy()
+        self.damping = self.frequency * joint_inertia(resting)
         self.plain = self._q_rest.size == self.damping.size
-        angles, (low, high) = resting.home_angles, position_limits(self._model)
+        angles = resting.home_angles
+        low, high = position_limits(self._model)
         margin = np.minimum(0.1 * (high - low), 0.5 * np.minimum(angles - low, high - angles))
         limited = np.isfinite(margin) & (margin > 1e-3)  # [rad or m] else rest is at a limit
         margin = np.where(limited, margin, 1.0)
@@ -86,15 +88,14 @@ class Posture:
         kernels.posture_velocity(self.coordinates(q), self.rows, still, -1.0, offset, rate)
         return offset
 
-    def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    def null_motion(self, s: Signals) -> Moving | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
         if s.inverse.unique:
             return None, None
         v = s.v
-        w = self.frequency
         psi = empty(v.size)
         psid = empty(v.size)
-        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
+        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, self.frequency, psi, psid)
         return psi, psid
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import definite_matrix, positive
+from .._checks import definite_matrix, positive, take_checked
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..filters import PositionObserver
@@ -21,7 +21,7 @@ from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
 from ..signals import Signals
 from ..tasks.frame import rotation_drift
-from ..tasks.task import JointTask, Task
+from ..tasks.task import JointTask, Moving, Task
 from .law import (
     Command,
     EstimatedModel,
@@ -175,14 +175,13 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "R_k")
-        for name in ("lever", "c", "lag"):
-            object.__setattr__(self, name, positive(getattr(self, name), name, zero=True))
+        take_checked(self, positive, "", "lever", "c", "lag", zero=True)
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
-        lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
-        object.__setattr__(self, "lambda_d", lambda_d)
+        lambda_d = np.asarray(self.lambda_d, dtype=float)
+        object.__setattr__(self, "lambda_d", np.broadcast_to(lambda_d, len(K_D)))
 
     @cached_property
     def filters(self) -> PositionObserver:
@@ -235,7 +234,7 @@ class Separation(Law):
         """Return the same feedback with the joints as its task."""
         return replace(self, task=task, R_k=1.0, lever=0.0)
 
-    def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+    def _reference(self, s: Signals) -> Moving:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
         In the rows of an orientation its error, measured or observed, stands for x_o - x_d.
@@ -252,7 +251,7 @@ class Separation(Law):
             ud -= self.alpha * delta
         return u, ud
 
-    def _joint_reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _joint_reference(self, s: Signals, Jdot: np.ndarray) -> Moving:
         """Return qd_r = J_hat^+ u + N psi, within the speeds, and its derivative (n) for dJ_hat/dt.
 
         N psi is the null motion of the posture.
@@ -299,13 +298,14 @@ class Separation(Law):
 
         The rotation rows of Y_k count times the lever, and only where there is one.
         """
-        dx_o = s.filtered.dx_o
         epsilon = s.epsilon
         X_k = s.X_k
         m, p = X_k.shape
         error = empty(m)
         g_k = empty(p)
-        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
+        kernels.observation_drive(
+            s.Y_k, s.filtered.dx_o, self.c, X_k, epsilon, self.R_k, error, g_k
+        )
         if self.lever:
             turning = self.lever * self.c * self.lever * s.filtered.eta
             error = np.append(error, turning)
@@ -352,7 +352,7 @@ class Separation(Law):
         """
         M = motion.mass_matrices
         W = motion.unit_masses
-        W_T = motion.unit_masses.swapaxes(1, 2)
+        W_T = W.swapaxes(1, 2)
         D = W @ self._limited(M) @ W_T
         tracked = W @ M @ motion.right_inverses @ motion.jacobians @ W_T
         null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)

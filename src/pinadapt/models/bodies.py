@@ -41,7 +41,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
         return known[unknown]
     return sorted(
         {
-            joint_id(robot.model, name, "unknown.bodies", (ALL, PAYLOAD, NONE)) - 1
+            joint_id(robot.model, name, "unknown.bodies", tuple(known)) - 1
             for name in name_list(unknown, "unknown.bodies")
         }
     )
@@ -63,7 +63,6 @@ class BodyDynamics(Dynamics):
             RobotError: unknown joint.
         """
         self.bodies = chosen_bodies(robot, unknown)
-        names = robot.joint_names
         pi = inertial_parameters(robot.model)
         own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
         if own.all():
@@ -71,6 +70,7 @@ class BodyDynamics(Dynamics):
         else:
             super().__init__(robot, np.eye(pi.size)[:, own], np.where(own, 0.0, pi))
         self.initial = pi[own]
+        names = robot.joint_names
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
         self.units = UNITS * len(self.bodies)
 

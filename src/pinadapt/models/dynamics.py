@@ -296,8 +296,8 @@ class StackedDynamics(Dynamics):
         """
         Y_M, Y_0, p_0, tau_0 = self.inertial.momentum(q, v)
         joints = self.joints
-        known = self.joints.known
-        zero = self.joints.zero
+        known = joints.known
+        zero = joints.zero
         Y_M, p_0 = joints.added(known, q, zero, v, 0.0, Y_M, p_0)
         Y_0, tau_0 = joints.added(known, q, v, zero, 1.0, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)

@@ -110,9 +110,9 @@ class JointEffects:
         self.known[at] = 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        shafts = np.concatenate([np.eye(self._n), friction.directions])
         self.places = at
-        self.tables = (columns, _shape(friction), shafts)
+        D = np.concatenate([np.eye(self._n), friction.directions])
+        self.tables = (columns, _shape(friction), D)
         self.names = tuple(pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(signed))
@@ -120,7 +120,8 @@ class JointEffects:
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
-        self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
+        self.zero = np.zeros(self._n)
+        self.nothing = np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = Regressor(robot.model) if loaded else None
 
@@ -240,7 +241,7 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
     out, since motors do not become larger towards the tip.
     """
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     rng = np.random.default_rng(0)
     torques = []
     for _ in range(100):

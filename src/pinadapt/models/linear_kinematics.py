@@ -99,8 +99,8 @@ class Columns(NamedTuple):
 
 def stacked(parts: Iterable[Columns]) -> Columns:
     """Return the columns of some placements, one placement after the other."""
-    no = np.zeros(0, dtype=np.int64)
     none = np.zeros(0)
+    no = np.zeros(0, dtype=np.int64)
     empty_one = Columns((), no, np.zeros((6, 0)), none, none, np.zeros((2, 0)))
     names, *arrays = zip(empty_one, *parts, strict=True)
     return Columns(sum(names, ()), *(np.concatenate(each, axis=-1) for each in arrays))
@@ -138,7 +138,8 @@ def columns_of_geometry(robot: Robot) -> Columns:
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
 
-    (tool,), tip = unknown_translations(robot, TOOL), placement_of(model, robot.frame_id, None)
+    (tool,) = unknown_translations(robot, TOOL)
+    tip = placement_of(model, robot.frame_id, None)
     parts = [(tool.labels, model.njoints, tip, np.eye(6)[:, :3], _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
@@ -189,9 +190,11 @@ class _ObservedChain:
         origins = np.array([place.translation for place in places])
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
         self.columns = np.zeros((9, len(joints)))
-        self.columns[:3, :f], self.columns[:6, f:] = origins[-f:].T, columns.motions
+        self.columns[:3, :f] = origins[-f:].T
+        self.columns[:6, f:] = columns.motions
         self.columns[:3] += np.cross(origins[joints - 1], self.columns[3:6].T).T
-        n, (_, rows, width) = model.nv, constants.shape
+        n = model.nv
+        _, rows, width = constants.shape
         parents = np.append(model.parents, [end.parentJoint for end in ends])[joints]
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
@@ -209,7 +212,8 @@ class _ObservedChain:
         self.G = empty((rows, width))
         self.Jdot = empty((rows, n))
         one = 3 * self.columns.shape[1]
-        self.motion[0, one, n], self.z = 1.0, self.G[:, one]
+        self.motion[0, one, n] = 1.0
+        self.z = self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
 
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -219,15 +223,17 @@ class _ObservedChain:
         except ValueError as error:
             raise wrong_sizes(self._model, q, v) from error
         m = len(self.G)
-        shape = (len(self.G), a.size)
+        shape = m, a.size
         found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
         kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
         return found
 
     def rotations(self) -> list[np.ndarray]:
         """Return the rotation (3, 3) of each frame."""
-        of = self._model, self._data
-        return [pin.updateFramePlacement(*of, frame).rotation for frame in self.frames]
+        return [
+            pin.updateFramePlacement(self._model, self._data, frame).rotation
+            for frame in self.frames
+        ]
 
 
 class LinearKinematics(TaskKinematics):
@@ -249,13 +255,15 @@ class LinearKinematics(TaskKinematics):
             N: (m_p, 1 + 3 f + 3 k) its constants, of f frames and k columns; those of D are a one.
             entries: (K, 4) a parameter, 0 for N or 1 for D, and the row and column that it adds to.
         """
-        (m, width), model = N.shape, self.robot.model
+        m, width = N.shape
+        model = self.robot.model
         self.columns = columns
         frames = [frame_id(model, name) for name in self.robot.frames]
         turning = self.task.size - m  # rows of rotations, that in N once more
         self._of_pose = turning > 0
         constants = np.zeros((2, m + turning, width + turning))
-        constants[0, :m, :width], constants[1, :, width - 1] = N, 1.0
+        constants[0, :m, :width] = N
+        constants[1, :, width - 1] = 1.0
         constants[0, m:, width:] = N[:turning, :turning]
         again = entries[entries[:, 3] < turning] + [0, 0, m, width]
         self._entries = np.concatenate([entries, again])
@@ -327,7 +335,7 @@ class LinearKinematics(TaskKinematics):
         if a_k_rate.size != self.size:
             raise ParameterError(f"expected {self.size} numbers.", where="a_k_rate")
         chain = self._now
-        found = self._now.Jdot.copy()
+        found = chain.Jdot.copy()
         kernels.add_map_rates(
             a_k_rate, self._entries, chain.motion, chain.maps, chain.G, chain.z,
             self._y, self.xd_hat, found,
@@ -445,7 +453,8 @@ class FrameKinematics(LinearKinematics):
         i, j = np.nonzero(frames[:, None] == moved)
         at = 3 * (f + j) + rows[i]
         N = np.zeros((m, 1 + 3 * f + 3 * self.size))
-        N[range(m), 3 * frames + rows], N[i, at] = 1.0, -self.initial[j]
+        N[range(m), 3 * frames + rows] = 1.0
+        N[i, at] = -self.initial[j]
         self._observe(columns, N, np.column_stack([j, 0 * j, i, at]))
         self.update(self.initial, robot.q0, self._still)
 

@@ -79,7 +79,9 @@ class PhysicalSet:
 
     def divergence(self, a: np.ndarray) -> float:
         """Return the sum of w D from the centre to a (p); infinite outside the set."""
-        P, (P_0, logs_0), c = self.matrices(a), self._centers, self.coefficients(a)
+        P = self.matrices(a)
+        P_0, logs_0 = self._centers
+        c = self.coefficients(a)
         try:
             L = np.linalg.cholesky(P)
         except np.linalg.LinAlgError:

@@ -53,25 +53,25 @@ class Regressor:
         """Copy a chain's model, and load its own parameters."""
         self._model, self._weightless, self._ballast = (model.copy() for _ in range(3))
         self._weightless.gravity.linear = np.zeros(3)
-        self._data, n = model.createData(), model.nv  # scratch for both
+        n = model.nv
+        self._data = model.createData()  # scratch for both
         self._ballast_data = model.createData()
         self._ballast.armature = np.zeros(n)
         self._inertias = self._model.inertias
-        self._inertial = np.zeros(PER_BODY * (model.njoints - 1))
+        self._shape = (n, PER_BODY * (model.njoints - 1))
+        self._inertial = np.zeros(self._shape[1])
         self._bodies = list(enumerate(self._inertial.reshape(-1, PER_BODY), 1))  # views
         for joint, _ in self._bodies:  # point masses at the joints
             self._ballast.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
         self.load(inertial_parameters(model))
         self._zero = np.zeros(n)
-        self._many = n > 1
-        self._shape = (n, PER_BODY * (model.njoints - 1))  # a single row is a vector in Pinocchio
+        self._many = n > 1  # a single row is a vector in Pinocchio
         oMi = list(self._data.oMi)[1:]
-        v = list(self._data.v)[1:]
         bodies, columns = np.nonzero(moves(model)[1:])
         self._chain = (
             live_array([placement.rotation for placement in oMi]),
             live_array([placement.translation for placement in oMi]),
-            live_array([motion.vector for motion in v]),
+            live_array([motion.vector for motion in list(self._data.v)[1:]]),
             self._data.J.reshape(6, n),
             self._data.dJ.reshape(6, n),
             bodies,

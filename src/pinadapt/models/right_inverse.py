@@ -190,7 +190,8 @@ class RightInverse:
                 ratios = 1.0 / (values * np.sum(1.0 / values))  # s^2 / lambda_i
                 E = E @ U
                 total -= 0.5 * ratios**2 @ np.einsum("ij,ij->j", E, (gram_rate + np.diag(rate)) @ E)
-            rate[own], above = total, mu_2
+            rate[own] = total
+            above = mu_2
         return rate
 
 

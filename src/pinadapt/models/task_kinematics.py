@@ -206,7 +206,8 @@ class ComKinematics(TaskKinematics):
         if q.size != self.nq or v.size != self.nv:
             raise wrong_sizes(self.robot.model, q, v)
         self._x, self.J, self._rate = self.task.moving_map(self._data, q, v)
-        self.xd_hat, self.Jdot_v = self.J.dot(v), self._rate.dot(v)
+        self.xd_hat = self.J.dot(v)
+        self.Jdot_v = self._rate.dot(v)
 
 
 class JointKinematics(TaskKinematics):

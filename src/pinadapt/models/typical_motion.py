@@ -73,9 +73,7 @@ class TypicalMotion:
 
         model = robot.model
         rng = np.random.default_rng(0)
-        p = kinematics.task.lengths
-        m = kinematics.task.size
-        size = np.repeat([robot.reach, 1.0], [p, m - p])
+        size = kinematics.task.per_row(robot.reach, 1.0)
         scale = np.outer([1.0 / 6.0, 0.01 * bandwidth**2], size)
         constraints = robot.constrained
         found = []
@@ -88,7 +86,7 @@ class TypicalMotion:
             rows = np.concatenate([J, constraints.at(q, still)[0]])
             inverse = np.linalg.pinv(rows, rcond=_SINGULAR)[:, : len(J)]
             free = constraints.free(q, still)[0]
-            v, a = scale * rng.standard_normal((2, m)) @ inverse.T
+            v, a = scale * rng.standard_normal(scale.shape) @ inverse.T
             kinematics.update(kinematics.initial, q, v)
             found.append((q, v, a, J, inverse, free, kinematics.Y_p, kinematics.X_k))
         columns = [np.array(column) for column in zip(*found, strict=True)]
@@ -119,16 +117,6 @@ class TypicalMotion:
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
         return scaled.swapaxes(1, 2) @ P
 
-    @property
-    def acceleration_effects(self) -> np.ndarray:
-        """J M_hat^-1 Y (N, m, p_d): task acceleration by parameter errors, at each state."""
-        return self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors)
-
-    @property
-    def momentum_effects(self) -> np.ndarray:
-        """M_hat^-1/2 Y (N, n, p_d): joint acceleration by them, in coordinates of unit mass."""
-        return self.unit_masses @ self.regressors
-
 
 def felt_mass(robot: Robot) -> float:
     """Return the effective mass [kg] at the frame at home, 1 / mean eigenvalue of J M^-1 J^T."""
@@ -155,7 +143,7 @@ def joint_inertia(robot: Robot) -> np.ndarray:
 def _mobility(robot: Robot) -> np.ndarray:
     """Return J M^-1 J^T (m, m) of a frame task at home."""
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     M = pin.crba(model, data, robot.q0)
     J = pin.computeFrameJacobian(model, data, robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
     J = J[robot.frame_task.rows]

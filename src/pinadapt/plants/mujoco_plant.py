@@ -19,7 +19,7 @@ from ..records import Measurement
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
-from ..tasks.task import Task
+from ..tasks.task import Moving, Task
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_missing
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class MujocoChain(NamedTuple):
         base = pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
         return base.actInv(frame)
 
-    def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self, task: Task, data: mujoco.MjData) -> Moving:
         """Return x and the task velocity (m) in the axes of the base, after updating the data."""
         assert isinstance(task, FrameTask)
         mj = mujoco_module()
@@ -160,7 +160,8 @@ class MujocoChain(NamedTuple):
             update(self.model, data)
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
         turn = data.xmat[self.base].reshape(3, 3).T
-        return task.moving(self.placement(data), pin.Motion(turn @ twist[3:], turn @ twist[:3]))
+        motion = np.append(turn @ twist[3:], turn @ twist[:3])
+        return task.moving(self.placement(data), motion)
 
 
 mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
@@ -310,7 +311,7 @@ class MujocoFile:
         model.body_gravcomp[:] = 0.0
         joints = [model.joint(name).id for name in names]
         number = model.site(site).id if site else 0
-        bodies = [body.name for body in spec.bodies]
+        bodies = (body.name for body in spec.bodies)
         base = model.body(word(self.base or "world", bodies, "base")).id
         if model.body_weldid[base]:
             raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
@@ -377,8 +378,7 @@ def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None
     for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
         axis = ours.oMi[i].rotation @ axis_of(chain, i)
         theirs = turn.T @ data.xaxis[joint]
-        slide = is_slide(chain.joints[i])
-        kind = mj.mjtJoint.mjJNT_SLIDE if slide else mj.mjtJoint.mjJNT_HINGE
+        kind = mj.mjtJoint.mjJNT_SLIDE if is_slide(chain.joints[i]) else mj.mjtJoint.mjJNT_HINGE
         if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
             raise InputError(
                 f"joint '{name}' of the file and '{chain.names[i]}' of the description differ in "

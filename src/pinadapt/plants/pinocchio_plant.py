@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ..records import Measurement
 from ..robot.robot import Robot
+from ..tasks.task import Moving
 from .plant import SimulatedPlant, fitted_friction
 
 
@@ -50,9 +51,7 @@ class FittedMidpoint:
         self._constraints = robot.constrained
         self._free = not (robot.friction.present or robot.constraints)
 
-    def __call__(
-        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float) -> Moving:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
         half = 0.5 * h
         solve = self._acceleration

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -89,10 +89,9 @@ class SimulatedPlant(Plant):
         springs: whether joints of this class may be elastic.
     """
 
-    robot: Robot
     longest_step: float = LONGEST_STEP
     described: bool = True
-    springs: ClassVar[bool] = False
+    springs = False
 
     def __init__(
         self,

@@ -14,7 +14,7 @@ from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
 from ..robot.base_from_legs import BaseFromLegs
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask
+from ..tasks.task import Moving
 
 
 class SimulatedSensors:
@@ -62,14 +62,13 @@ class SimulatedSensors:
         self.task = robot.task
         self._model = robot.model
         self._seed = whole(seed, "seed", 0)
-        rows = self.task.positions, self.task.size - self.task.positions
         angle = sensors.deviation("angle")
-        if angle and not (isinstance(self.task, FrameTask) and all(rows)):
+        if angle and not 0 < self.task.positions < self.task.size:
             raise InputError(
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        self._deviations = np.repeat([sensors.deviation("x"), angle], rows)
+        self._deviations = self.task.per_row(sensors.deviation("x"), angle)
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
         self._counted = counts > 0.0
         self._count = np.where(counts > 0.0, counts, 1.0)
@@ -127,7 +126,7 @@ class SimulatedSensors:
         q, v = self._base(seen.q, seen.v, tilt, truth.v[4:6] + imu.rate_noise * noise[1])
         return seen._replace(q=q, v=v, x=self._robot.position(q), x_time=None, xd=None)
 
-    def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _read(self, q: np.ndarray, v: np.ndarray) -> Moving:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
         angles = angles_from_configuration(self._model, q)
         counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, joint_numbers, positive, word
+from .._checks import instance, joint_numbers, positive, take_checked, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
 from ..plants.plant import Plant
@@ -63,10 +63,9 @@ class ArmFacts:
         """
         positive(self.period, "period")
         word(self.clock, ("arm", "host", "simulated"), "clock")
+        limits = "torque", "velocity", "torque_rate"
         n = len(self.joints)
-        for name in ("torque", "velocity", "torque_rate"):
-            limits = joint_numbers(getattr(self, name), name, n, zero=False, infinite=True)
-            object.__setattr__(self, name, limits)
+        take_checked(self, joint_numbers, "", *limits, size=n, zero=False, infinite=True)
 
     @classmethod
     def of(cls, robot: Robot, **given: Any) -> ArmFacts:

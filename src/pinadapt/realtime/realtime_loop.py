@@ -216,7 +216,6 @@ class RealtimeLoop:
         self._path: Trajectory = Hold()
         self._begin = self._t = 0.0
         self._phase = Phase.STARTING
-        self._since = 0.0
         self._quiet = 0.0
         self._halted = False  # by a command, which another one takes back
         self._adapting = self.stage is Stage.ADAPT
@@ -607,8 +606,8 @@ class RealtimeLoop:
             self._adapting = flag(value, name)
             self._note(f"the adaptation {'goes on' if value else 'rests'}: commanded")
         elif name == "frame" and isinstance(value, Mapping):
-            size = self._controller.kinematics.task.coordinates
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
+            size = self._controller.kinematics.task.coordinates
             x = vector(value.get("x", ()), size, "frame.x", fills=False)
             self._frame = {"x": x, "x_time": self._t - age}
         elif name == "stop" and begun:

@@ -82,17 +82,13 @@ class Phase(IntEnum):
 def shapes_of(controller: Controller) -> dict[str, list[int]]:
     """Return the shapes of a cycle's numbers by name; a signal that was not measured is NaN."""
     kinematics = controller.kinematics
-    n = kinematics.nv
-    x = kinematics.task.coordinates
-    m = kinematics.task.size
-    sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
-    sizes |= {
+    task = kinematics.task
+    of_joints = "v", "a", "tau", "w", "asked", "sent", "given", "residual"
+    sizes = {
+        **dict.fromkeys(of_joints, kinematics.nv),
         "q": kinematics.nq,
-        "x": x,
-        "x_d": x,
-        "xd": m,
-        "xd_d": m,
-        "xdd_d": m,
+        **dict.fromkeys(("x", "x_d"), task.coordinates),
+        **dict.fromkeys(("xd", "xd_d", "xdd_d"), task.size),
         "a_k": kinematics.size,
         "a_d": controller.dynamics.size,
         "feet": 10 * len(kinematics.robot.contacts),  # NaN: all stand

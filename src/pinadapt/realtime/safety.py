@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import joint_numbers, numbers, positive
@@ -21,6 +20,7 @@ from ..controller.controller import Controller
 from ..controller.governor import explained_age
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError
+from ..models.typical_motion import joint_inertia
 from ..records import Measurement
 from ..simulation.loop import STILL
 from .arm import ArmFacts
@@ -138,7 +138,7 @@ class Checklist:
         robot = controller.kinematics.robot
         self._task = controller.kinematics.task
         model = robot.model
-        n = robot.model.nv
+        n = model.nv
         self._safety = safety
         self._period = facts.period
         self._joints = robot.joint_names
@@ -152,7 +152,7 @@ class Checklist:
         self._places = model.idx_qs.tolist()[1:]
         self._lower = lower + safety.margin
         self._upper = upper - safety.margin
-        self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
+        self._braked = joint_inertia(robot) / self.limit
         k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
         if self._box is not None and self._box.shape[1] != k:
@@ -160,8 +160,7 @@ class Checklist:
                 f"has {self._box.shape[1]} coordinates; the task has {k}.", where="safety.box"
             )
         length = 0.1 * robot.reach if safety.error is None else safety.error
-        own = np.arange(self._task.size) < self._task.lengths
-        self._far = np.where(own, length, safety.angle)
+        self._far = self._task.per_row(length, safety.angle)
         self._blind = explained_age(controller.sensors) + safety.camera if k else math.inf
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise

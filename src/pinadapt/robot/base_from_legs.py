@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from .._checks import vector
 from ..exceptions import RobotError
+from ..tasks.task import Moving
 from .constraints import Constraints
 from .robot import Robot
 
@@ -42,9 +43,7 @@ class BaseFromLegs:
         self._contacts.jacobian(robot.q0)
         self.footholds = self._contacts.feet
 
-    def __call__(
-        self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray) -> Moving:
         """Return q (nq) and v (n) with the base's coordinates of this sample.
 
         Args:
@@ -55,8 +54,9 @@ class BaseFromLegs:
         """
         q = q.copy()
         v = v.copy()
-        q[:4], q[4:6] = 0.0, vector(tilt, 2, "tilt")
-        v[:4], v[4:6] = 0.0, vector(rates, 2, "rates")
+        q[:4] = v[:4] = 0.0
+        q[4:6] = vector(tilt, 2, "tilt")
+        v[4:6] = vector(rates, 2, "rates")
         A = self._contacts.jacobian(q)
         feet = self._contacts.feet
         stands = feet[:, 2] < feet[:, 2].min() + _LIFTED

@@ -11,7 +11,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, joint_numbers, numbers, positive, shown, vector, word
+from .._checks import (
+    instance,
+    joint_numbers,
+    numbers,
+    positive,
+    shown,
+    take_checked,
+    vector,
+    word,
+)
 from ..exceptions import RobotError
 
 
@@ -170,9 +179,9 @@ class Shaft:
         Raises:
             RobotError: negative coefficients, or a sign other than 1 and -1.
         """
-        for name in ("armature", "viscous", "coulomb"):
-            positive(getattr(self, name), f"shafts.{name}", zero=True, error=RobotError)
-        positive(self.threshold, "shafts.threshold", error=RobotError)
+        parts = "armature", "viscous", "coulomb"
+        take_checked(self, positive, "shafts.", *parts, zero=True, error=RobotError)
+        take_checked(self, positive, "shafts.", "threshold", error=RobotError)
         if len(self.joints) != 2 or self.joints[0] == self.joints[1]:
             raise RobotError(
                 f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"

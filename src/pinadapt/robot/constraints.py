@@ -133,18 +133,16 @@ class Loop:
         (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, each, pin.LOCAL) for each in at)
         v_a, v_b = (pin.getFrameVelocity(model, data, each, pin.LOCAL) for each in at)
         b = data.oMf[at[0]].actInv(data.oMf[at[1]])  # in the axes of a
-        X = b.action
+        A = b.action @ A_b - A_a
+        A_rate = b.action @ (rate_b + (v_b - b.actInv(v_a)).action @ A_b) - rate_a
         rows = list(self.rows)
-        A = X @ A_b - A_a
-        A_rate = X @ (rate_b + (v_b - b.actInv(v_a)).action @ A_b) - rate_a
         return A[rows], A_rate[rows]
 
     def error(self, data: pin.Data, at: Sequence[int], angles: np.ndarray) -> np.ndarray:
         """Return the way and the turn from a to b; NaN where they do not meet."""
         if not self.closed:
             return np.full(self.size, np.nan)
-        a, b = (data.oMf[frame] for frame in at)
-        off = a.actInv(b)
+        off = data.oMf[at[0]].actInv(data.oMf[at[1]])
         return np.concatenate([off.translation, pin.log3(off.rotation)])[list(self.rows)]
 
 
@@ -398,10 +396,9 @@ class Constraints:
         """
         A, _ = self._last[1]
         both = np.zeros((2, len(A)))
-        x = self.feet
         own = slice(len(A) - 3 * len(self._feet), None)
-        u = feet.xd_d - alpha * (x - feet.x_d)
-        ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(x.shape) - feet.xd_d)
+        u = feet.xd_d - alpha * (self.feet - feet.x_d)
+        ud = feet.xdd_d - alpha * ((A[own] @ v).reshape(-1, 3) - feet.xd_d)
         both[:, own] = np.where(feet.stands[:, None], 0.0, [u, ud]).reshape(2, -1)
         return both[0], both[1]
 

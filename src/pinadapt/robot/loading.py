@@ -197,7 +197,7 @@ def load(
                 q0=q0,
                 free=free,
                 constraints=closed + feet,
-                passive=idle if whole else (),
+                passive=idle,
             )
             break
         except RobotError as error:  # of the first choice, where no chain is able to do the task
@@ -276,14 +276,17 @@ def _load_chain(
     plane = MountingPlane()
     if not (floating or found.frame or whole or len(frames) > 1):
         plane = MountingPlane.of(model, tips[0], shown)
-    follow = [joint for joint in found.mimics if model.existJointName(joint)]
-    constraints = *(Coupling(joint, *found.mimics[joint]) for joint in follow), *constraints
+    couplings = [
+        Coupling(joint, *leader)
+        for joint, leader in found.mimics.items()
+        if model.existJointName(joint)
+    ]
+    constraints = *couplings, *constraints
     if free:
         chosen = _task_named(task or "pose", model)
         home = home_inside_limits(model, [np.concatenate([np.zeros(6), shown])])
     else:
-        poses = [shown, pin.neutral(model)]
-        chosen, home = choose_task(model, tips, task, poses, plane)
+        chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
     if isinstance(chosen, ComTask):
         chosen = replace(chosen, model=model.copy(), frame=tips[0])
     if len(frames) > 1 and isinstance(chosen, FrameTask):
@@ -392,7 +395,8 @@ def limbs(robot: Robot) -> list[str]:
         own = set(chain_joints(model, frame_id(model, name)))
         new = own - taken
         if len(new) >= max(2, len(own) // 2 + 1) and not _SENSOR.search(name.lower()):
-            found[name], taken = len(new), taken | own
+            found[name] = len(new)
+            taken |= own
     return [name for name, size in found.items() if 3 * size >= max(found.values())]
 
 

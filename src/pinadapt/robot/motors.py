@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import joint_numbers, kept_numbers, vector, word
+from .._checks import joint_numbers, kept_numbers, take_checked, vector, word
 from ..description.chain import effort_limits
 from ..exceptions import GainError, InputError
 from .robot import Robot
@@ -72,11 +72,10 @@ class Actuators:
 
     def __post_init__(self) -> None:
         """Check the actuators, and keep numbers or tuples of them."""
-        for name in JointActuators._fields:
-            given = getattr(self, name)
-            zero = name in ("delay", "damping")
-            kept = kept_numbers(given, f"actuators.{name}", zero=zero, infinite=not zero)
-            object.__setattr__(self, name, kept)
+        take_checked(self, kept_numbers, "actuators.", "delay", "damping")
+        take_checked(
+            self, kept_numbers, "actuators.", "bandwidth", "stiffness", zero=False, infinite=True
+        )
         if self.elastic and np.isinf(self.stiffness).any():
             raise InputError(
                 f"expected springs at all joints or at none, got {self.stiffness}.",
@@ -180,7 +179,8 @@ class LateTorque:
         t = before.t
         arrived = before.arrived.copy()
         applied = before.applied
-        least, pieces = 1e-6 * dt, []  # rounding
+        least = 1e-6 * dt  # rounding
+        pieces = []
         sent = [(t + delay, joints, command) for delay, joints in self._delayed]
         coming = sorted([*before.coming, *sent], key=lambda each: each[0])
         end = t + dt

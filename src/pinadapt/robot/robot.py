@@ -120,8 +120,9 @@ class Robot(Printed):
     @property
     def carriers(self) -> list[int]:
         """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
-        frames = (self.model.frames[frame_id(self.model, name)] for name in self.frames)
-        return sorted({int(frame.parentJoint) - 1 for frame in frames})
+        model = self.model
+        bodies = {model.frames[frame_id(model, name)].parentJoint - 1 for name in self.frames}
+        return sorted(map(int, bodies))
 
     def check_single_frame(self) -> None:
         """Refuse a robot with several task frames.

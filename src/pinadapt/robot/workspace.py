@@ -186,7 +186,8 @@ def find_swing(robot: Robot) -> Sinusoid:
         SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - _margin(lower, upper)
-    up, own = room[0] >= room[1], robot.motors  # of all others the constraints decide
+    up = room[0] >= room[1]
+    own = robot.motors  # of all others the constraints decide
     for side in (up, ~up):  # what falls on one side rises on the other
         way = np.minimum(most, np.maximum(np.where(side, *room), 0.0) / 2.0)
         way = np.array([rounded_down(a) if a else 0.0 for a in way])
@@ -199,7 +200,7 @@ def find_swing(robot: Robot) -> Sinusoid:
 def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
     model = robot.model
-    data = robot.model.createData()
+    data = model.createData()
     torques = []
     for angles, v, a in map(swing.at, np.linspace(0.0, swing.period.max(), 80)):
         q = configuration_from_angles(model, angles)
@@ -223,12 +224,14 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
         which no joint is faster than it may be. None if the circle comes too close to a limit or a
         singularity.
     """
-    model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
+    model = tool.model
+    data = model.createData()
+    task = robot.task
+    q = robot.q0
     assert isinstance(task, FrameTask)
-    m = task.lengths
     home = robot.home_angles
     count = len(robot.frames)
-    arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
+    arms = task.per_row(1.0, robot.reach)  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
@@ -255,7 +258,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
             return None
         if robot.contacts and not _balanced(tool, constraints, q):
             return None
-        offset = np.append(np.tile(way, count), np.zeros(task.size - m))
+        offset = np.append(np.tile(way, count), np.zeros(task.size - task.lengths))
         x = task.at(model, data, tool.frame_id, q)
         to_go = np.zeros(len(J))  # constraints hold
         to_go[: task.size] = arms * task.error(task.moved(start, offset), x)

@@ -167,8 +167,7 @@ def run(
             desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
                 _, command = controller.command(state, measurement, desired)
-                caused = command.torque, command.feedthrough
-                a = simulated.acceleration_at(truth.q, truth.v, *caused)
+                a = simulated.acceleration_at(truth.q, truth.v, command.torque, command.feedthrough)
                 measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
@@ -305,8 +304,8 @@ def run_continuous(
     if state is None:
         state = controller.init(plant.measurement(q, np.zeros(plant.nv)))
     if state.start is not None:  # samples are what it waits for
-        path = None if controller.limits.governor is None else PathTime()
-        state = state._replace(start=None, path=path)
+        governed = controller.limits.governor is not None
+        state = state._replace(start=None, path=PathTime() if governed else None)
     events = events or Events()
     n = plant.nv
 

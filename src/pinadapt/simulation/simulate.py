@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -22,7 +23,6 @@ from ..exceptions import DivergedError, InputError, Interrupted
 from ..information.tracker import find_camera, find_tracker
 from ..models.camera_kinematics import CameraKinematics
 from ..plants.mujoco_plant import MujocoFile
-from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
@@ -125,7 +125,6 @@ def simulate(
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
     dt = engine.period(controller)
-    motors = engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
     duration = positive(duration, "duration", error=InputError)
@@ -144,14 +143,13 @@ def simulate(
             hint="Take sensors=pa.Sensors() for perfect ones.",
         )
     if engine.ideal_acceleration or controller.limits.torque is None:
-        controller = controller.limited(motors)
+        controller = controller.limited(engine.motors(true))
     started = perf_counter()
     plant = engine.make(true, controller)
     if events.changes and not plant.described:
         raise InputError(
             "the robot of a model file does not change while it moves.", where="changes"
         )
-    indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = placed_trajectory(trajectory, true)
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
@@ -164,22 +162,23 @@ def simulate(
         trajectory = starting_from(trajectory, estimated, plant.measure(), duration=duration)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)
-    options: dict[str, Any] = {
-        "dt": dt,
-        "duration": duration,
-        "state": state,
-        "events": events,
-        "ideal_acceleration": engine.ideal_acceleration,
-    }
-    if isinstance(plant, PinocchioPlant) and engine.continuous:
-        stream = run_continuous(plant, controller, trajectory, **options)
-    else:
-        for finding in findings(true, controller, engine, sensors):
-            warnings.warn(finding, stacklevel=3)
-        options["sensors"] = None if sensors.perfect else simulated
-        stream = run(plant, controller, trajectory, **options)
+    for finding in findings(true, controller, engine, sensors):
+        warnings.warn(finding, stacklevel=3)
+    sampled = partial(run, sensors=None if sensors.perfect else simulated)
+    drive: Any = run_continuous if engine.continuous else sampled
+    stream = drive(
+        plant,
+        controller,
+        trajectory,
+        dt=dt,
+        duration=duration,
+        state=state,
+        events=events,
+        ideal_acceleration=engine.ideal_acceleration,
+    )
     live = progress == "live"
     name = title or true.name
+    indices = sample_indices(duration, dt, ends=engine.continuous)
     steps = watched(indices, None if live else progress, name)
     with ExitStack() as stack, np.errstate(all="ignore"):  # a loop that diverges overflows
         if live:
@@ -194,16 +193,17 @@ def simulate(
                 title=title,
             )
             stream = stack.enter_context(view).watch(stream)
-        kept = record(stream, steps, controller, record_every)
+        samples, ended = record(stream, steps, controller, record_every)
     rollout = rollout_of(
-        kept,
+        samples,
         plant,
         controller,
         robots,
         announced=events.announcements,
         title=name,
         wall_time=perf_counter() - started,
-        extent=trajectory.extent,
+        path_extent=trajectory.extent,
+        **ended,
     )
     if rollout.interrupted is not None:
         raise Interrupted(rollout)
@@ -316,34 +316,20 @@ def after_excitation(
     return found
 
 
-@dataclass(eq=False)
-class Record:
-    """What is kept of a run.
-
-    Attributes:
-        samples: every so many-th of the run, see ``record``.
-        diverged: time [s] at which the loop diverged, or None.
-        reason: why, or None.
-        interrupted: time [s] of the last sample before the user stopped the run, or None.
-    """
-
-    samples: list[Sample] = field(default_factory=list)
-    diverged: float | None = None
-    reason: str | None = None
-    interrupted: float | None = None
-
-
 def record(
     stream: Iterator[Sample], indices: Iterable[int], controller: Controller, every: int = 1
-) -> Record:
+) -> tuple[list[Sample], dict[str, Any]]:
     """Take a sample for each index and keep those whose index is a multiple of ``every``.
 
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
+
+    Returns:
+        The samples, and how the run ended, by the names of a ``Rollout``.
     """
-    kept = Record()
+    samples = list[Sample]()
+    ended: dict[str, Any] = {"diverged": None, "reason": None}
     last = 0.0
-    samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
             last = sample.t
@@ -352,40 +338,34 @@ def record(
                 state = controller.recorded(sample.state)
                 samples.append(sample if state is sample.state else sample._replace(state=state))
     except DivergedError as error:
-        kept.diverged = error.time
-        kept.reason = error.reason
+        ended |= {"diverged": error.time, "reason": error.reason}
     except KeyboardInterrupt:
-        kept.interrupted = last
+        ended["interrupted"] = last  # the time of the last sample
     if samples:
         samples[-1] = whole
-    return kept
+    return samples, ended
 
 
 def rollout_of(
-    kept: Record,
+    samples: Sequence[Sample],
     plant: SimulatedPlant,
     controller: Controller,
     robots: Succession,
     *,
     announced: Iterable[float] = (),
-    title: str,
-    wall_time: float,
-    extent: float | None = None,
+    **told: Any,
 ) -> Rollout:
-    """Return the rollout of a record, its samples stacked.
+    """Return the rollout of recorded samples, which are stacked.
 
     Args:
-        kept: the record.
+        samples: of the run.
         plant: what was driven.
         controller: what drove it.
         robots: the true robot, and what it became.
         announced: times of announcements to the controller [s].
-        title: of the rollout.
-        wall_time: of the run [s].
-        extent: of the desired path, see ``Trajectory.extent``.
+        told: what else a ``Rollout`` has: title, times, how it ended.
     """
     robot = robots.robots[0]
-    samples = kept.samples
     n = plant.nv
     coordinates = robot.task.coordinates
 
@@ -401,7 +381,6 @@ def rollout_of(
     limits = np.min([np.full(n, np.inf), *stated], axis=0)
     adapted = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return Rollout(
-        title=title,
         robot=robot.name,
         law=controller.law.name,
         adaptation=adapted.name,
@@ -418,13 +397,9 @@ def rollout_of(
         a_k=column(lambda s: s.state.a_k, controller.kinematics.size),
         a_d=column(lambda s: s.state.a_d, controller.dynamics.size),
         saturated=(np.abs(tau) >= limits).any(axis=1),
-        diverged=kept.diverged,
-        reason=kept.reason,
-        wall_time=wall_time,
         step_time=float(np.mean([sample.step_time for sample in samples] or [0.0])),
         evaluation=Evaluation(controller, robots, samples),
         marks=tuple(sorted(words.items())),
-        interrupted=kept.interrupted,
         bridged=samples[-1].state.bridged if samples else Bridged(),
-        path_extent=extent,
+        **told,
     )

@@ -115,9 +115,9 @@ class FrameTask(Task):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x of a frame's placement in the world."""
 
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> Moving:
-        """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
-        return self.of(placement), self.jacobian(placement, motion.vector)
+    def moving(self, placement: pin.SE3, J: np.ndarray) -> Moving:
+        """Return x and ``jacobian`` of a frame; of its motion (6) the task velocity (m)."""
+        return self.of(placement), self.jacobian(placement, J)
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame.
@@ -131,35 +131,31 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
         pin.computeJointJacobians(model, data, q)
-
-        def part(own: int) -> Moving:
-            placement = pin.updateFramePlacement(model, data, own)
-            J = pin.getFrameJacobian(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            return self.of(placement), self.jacobian(placement, J)
-
-        return self._of_frames(frame, part)
+        return self._of_frames(model, data, frame, pin.getFrameJacobian)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> Moving:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
+        return self._of_frames(model, data, frame, lambda *own: pin.getFrameVelocity(*own).vector)
 
-        def part(own: int) -> Moving:
+    def _of_frames(
+        self, model: pin.Model, data: pin.Data, frame: int, moved: Callable[..., np.ndarray]
+    ) -> Moving:
+        """Return x and task rows of all frames; without names, of this one.
+
+        ``moved`` is a function of Pinocchio that returns the Jacobian or the motion of a frame.
+        """
+        found = []
+        for own in self.frames.values() or (frame,):
             placement = pin.updateFramePlacement(model, data, own)
-            return self.moving(
-                placement, pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
-            )
-
-        return self._of_frames(frame, part)
-
-    def _of_frames(self, frame: int, part: Callable[[int], Moving]) -> Moving:
-        """Return x and rows of all frames, given those of each; without names, of this one."""
+            found.append(self.moving(placement, moved(model, data, own, pin.LOCAL_WORLD_ALIGNED)))
         if not self.frames:
-            return part(frame)
-        x, rows = zip(*map(part, self.frames.values()), strict=True)
+            return found[0]
         positions = self.positions // self.count
-        return joined(x, positions), joined(rows, positions)
+        x, rows = (joined(parts, positions) for parts in zip(*found, strict=True))
+        return x, rows
 
 
 @dataclass(frozen=True)
@@ -229,8 +225,10 @@ class PoseTask(FrameTask):
         """Return dx = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         flawed = self.flaw(x) or self.flaw(x_d)  # the step refuses what is not finite
         p = self.lengths
-        each = self._quaternions
-        phi = [np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q]) for q in each]
+        phi = [
+            np.full(3, np.nan) if flawed else rotation_between(x[q], x_d[q])
+            for q in self._quaternions
+        ]
         return np.concatenate([x[:p] - x_d[:p], *phi])
 
     def drift(self, dx: np.ndarray, xd_hat: np.ndarray, xd_d: np.ndarray) -> np.ndarray:
@@ -321,7 +319,8 @@ class ImageTask(PositionTask):
     @cached_property
     def projections(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows (m, 4) of H that give z y of each coordinate, and those that give its depth z."""
-        H, (cameras, rows) = np.array(self.cameras), zip(*self.picks, strict=True)
+        H = np.array(self.cameras)
+        cameras, rows = zip(*self.picks, strict=True)
         return H[cameras, rows], H[cameras, 2]
 
     def of(self, placement: pin.SE3) -> np.ndarray:
@@ -343,7 +342,8 @@ class ImageTask(PositionTask):
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian, or dy/dt of a motion."""
-        y, (above, below) = self.of(placement), self.projections
+        y = self.of(placement)
+        above, below = self.projections
         z = below[:, :3] @ placement.translation + below[:, 3]
         return (above - y[:, None] * below)[:, :3] / z[:, None] @ J[:3]
 
@@ -404,7 +404,8 @@ class ComTask(PoseTask):
         turned = quaternion(pin.updateFramePlacement(*given).rotation)
         J = pin.getFrameJacobian(*given, pin.LOCAL_WORLD_ALIGNED)
         J_rate = pin.getFrameJacobianTimeVariation(*given, pin.LOCAL_WORLD_ALIGNED)
-        J[:3], J_rate[:3] = data.Ag[:3] / data.Ig.mass, data.dAg[:3] / data.Ig.mass
+        J[:3] = data.Ag[:3] / data.Ig.mass
+        J_rate[:3] = data.dAg[:3] / data.Ig.mass
         return np.append(data.com[0], turned), J, J_rate
 
 
@@ -435,7 +436,8 @@ def pinhole_camera(
     """
     eye = vector(position, 3, "position", fills=False)
     at = vector(target, 3, "target", fills=False)
-    (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
+    u, v = vector(centre, 2, "centre", fills=False)
+    (turn,) = vector(roll, 1, "roll")
     f = positive(focal, "focal", error=InputError)
     away = np.linalg.norm(at - eye)
     if not away > 0.0:

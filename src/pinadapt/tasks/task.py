@@ -95,6 +95,10 @@ class Task(ABC):
         """Number of rows in metres, which come first: the positions, or a centre of mass."""
         return self.positions
 
+    def per_row(self, length: float, angle: float) -> np.ndarray:
+        """Return one number for each row (m): of rows in metres, and of all others."""
+        return np.repeat([length, angle], [self.lengths, self.size - self.lengths])
+
     @property
     @abstractmethod
     def groups(self) -> tuple[RowGroup, ...]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError, PinadaptError
 from ..records import Desired
-from ..tasks.task import JointTask, Task
+from ..tasks.task import JointTask, Moving, Task
 from .trajectory import Hold, Piecewise, Trajectory
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
@@ -61,7 +61,7 @@ class Function(Trajectory):
         x_d, *derivatives = self._called(t)
         return Desired(x_d, *(derivatives or self._differences(t, x_d)))
 
-    def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _differences(self, t: float, x_d: np.ndarray) -> Moving:
         """Return the first two derivatives (m) at t of the polynomial through the nodes."""
         before = min(_NODES // 2, int(max(t, 0.0) / STEP))
         others = np.array([k for k in range(-before, _NODES - before) if k])

@@ -29,8 +29,6 @@ class _Harmonic(Trajectory):
             places it, the centre is zero.
     """
 
-    center: np.ndarray
-
     def _take(
         self,
         center: ArrayLike | None,
@@ -45,11 +43,11 @@ class _Harmonic(Trajectory):
         """
         if center is None:
             self._unplaced = given
-        at = 0.0 if center is None else center
-        self.center = vector(at, len(c), "trajectory.center")
+            center = 0.0
+        self.center = vector(center, len(c), "trajectory.center")
         self._w = w
-        derivatives = np.array([c, 1j * w * c, -(w**2) * c])  # (3, m, K)
-        self._parts = derivatives.view(float)  # real and imaginary parts in turn (3, m, 2 K)
+        # real and imaginary parts in turn (3, m, 2 K), with those of the derivatives
+        self._parts = np.array([c, 1j * w * c, -(w**2) * c]).view(float)
 
     def placed(self: _Motion, start: np.ndarray) -> _Motion:
         """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
@@ -79,8 +77,6 @@ class _Sines(_Harmonic):
         center, amplitude: (m) [m or rad].
     """
 
-    amplitude: np.ndarray
-
     def _take_sines(
         self,
         center: ArrayLike | None,
@@ -99,10 +95,10 @@ class _Sines(_Harmonic):
             positive(each, "trajectory.period", error=InputError)
         w = 2.0 * math.pi * parts.get("cycles", 1.0) / parts["period"]
         A = parts["amplitude"]
-        phase = parts["phase"]
         self.amplitude = A
         self.extent = float(np.linalg.norm(A))
-        self._take(parts.get("center"), w, np.diag(-1j * A * np.exp(1j * phase)), sines)
+        c = np.diag(-1j * A * np.exp(1j * parts["phase"]))
+        self._take(parts.get("center"), w, c, sines)
 
 
 class Circle(_Harmonic):

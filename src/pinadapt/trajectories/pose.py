@@ -98,9 +98,6 @@ class PoseTrajectory(Trajectory):
         orientation: the motion of the orientation.
     """
 
-    position: Trajectory
-    orientation: Trajectory
-
     def __init__(
         self,
         position: TrajectoryLike,

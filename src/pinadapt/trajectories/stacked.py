@@ -27,8 +27,6 @@ class Stacked(Trajectory):
         extent: root of the sum of the squares of theirs [m], as errors are norms over all frames.
     """
 
-    motions: tuple[Trajectory, ...]
-
     def __init__(self, motions: Sequence[TrajectoryLike]) -> None:
         """Take the motion of each frame, whatever ``as_trajectory`` takes.
 

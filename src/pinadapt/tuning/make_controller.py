@@ -14,7 +14,6 @@ import numpy as np
 from .._checks import arithmetic, instance, positive, word
 from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.least_squares import LeastSquares
-from ..adaptation.modifications import Leak
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.first_samples import make_first_samples
@@ -170,30 +169,27 @@ def make_controller(
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
 
-    def adaptation_d(share: float = 1.0) -> Adaptation:
-        """Return the adaptation of the dynamics, at a share of its rate, inside modifications.
+    if settings.leak and kind not in MEMORIES and not isinstance(adaptation, Adaptation):
+        modifying.setdefault(SIGMA, None)  # noisy sensors ask for a leak
 
-        Noisy sensors add a leak where none is chosen.
-        """
+    def adaptation_d(share: float = 1.0) -> Adaptation:
+        """Return the adaptation of the dynamics, at a share of its rate, inside modifications."""
         if isinstance(adaptation, Adaptation):
-            return modified(tuning.law.guarded(adaptation, dynamics), modifying, tuning)
-        moved = dynamic_adaptation(kind, tuning, share)
-        if kind == "none":
-            return moved
-        moved = modified(moved, modifying, tuning)
-        if settings.leak and SIGMA not in modifying and kind not in MEMORIES:
-            return Leak(moved, settings.leak)
-        return moved
+            moved = tuning.law.guarded(adaptation, dynamics)
+        elif kind == "none":
+            return Frozen()
+        else:
+            moved = dynamic_adaptation(kind, tuning, share)
+        return modified(moved, modifying, tuning)
 
     compensation = compensation_of(robot, compensated)
     compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
     if applied.governor is not None:  # the arm may wait for frames
         compensator = replace(compensator, longest_gap=applied.governor.settings.blind)
-    low_pass = None
+    velocity = settings.velocity
+    low_pass = None if isinf(velocity) else LowPass(velocity, "velocity filter")
     first = None
     watched = limits.watched
-    if not isinf(settings.velocity):
-        low_pass = LowPass(settings.velocity, "velocity filter")
     if watched["gravity"]:
         first = make_first_samples(robot, nominal.unloaded, sensors, compensation, dt)
     span = kinematics.bounds if box is None else box

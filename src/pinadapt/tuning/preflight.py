@@ -201,7 +201,7 @@ def _largest(radius: Callable[[float], float], start: float) -> float:
 def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) -> Iterator[Part]:
     """Yield of each part of the loop name, gains with the powers of the factor, and radius."""
     law = controller.law
-    feedback = controller.law.feedback(motion)
+    feedback = law.feedback(motion)
     if feedback is not None:
         K_f = law.gain if isinstance(law, FastFeedback) else None
         joints = LinearisedJoints(motion, actuators, K_f, of_task=feedback.S.ndim == 2)
@@ -287,7 +287,8 @@ class LinearisedJoints:
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
         at_states = [_actuated(each, each - np.diag(rotors), motor, own) for each in M]
         self._A, self._B, motors = map(np.array, zip(*at_states, strict=True))
-        self._moved, self._period = self._A, math.nan  # transitions over the last period asked for
+        self._moved = self._A  # transitions over the last period asked for
+        self._period = math.nan
         at_links = actuators.elastic and actuators.encoders == "link"
         self._C = np.roll(motors, -len(rotors), axis=2) if at_links else motors
         fast = np.zeros(len(rotors)) if K_f is None else _MARGIN * K_f
@@ -328,7 +329,8 @@ class LinearisedJoints:
         N, n, k = self._C.shape
         if dt != self._period:
             system = np.zeros((N, k + 2 * n, k + 2 * n))
-            system[:, :k, :k], system[:, k : k + n, :k] = self._A, self._C
+            system[:, :k, :k] = self._A
+            system[:, k : k + n, :k] = self._C
             system[:, :k, k + n :] = self._B
             self._moved = expm(dt * system)
             self._period = dt

@@ -113,8 +113,8 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
     motion = tuning.motion
     mode = tuning.settings.mode
     dynamics = motion.dynamics
-    joints = motion.dynamics.joints
-    if kind == "none" or not dynamics.size:
+    joints = dynamics.joints
+    if not dynamics.size:
         return Frozen()
     if kind in MEMORIES:
         mode = min(mode, 1.0 / law.adaptation_mode)
@@ -154,15 +154,15 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
         return Frozen()
     if METRICS.get(kind, kind) == "natural":
         cone = _cone(robot, dynamics, tuning.lmi)
-        unit = Natural(1.0, cone)
+        natural = Natural(1.0, cone)
         if gamma_d is None:
-            gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
-        shares = _shares(robot, dynamics, unit, LOAD if kind in MEMORIES else 0.0)
+            gamma_d = rate_for(mode, effects, natural, natural.init(dynamics.initial))
+        shares = _shares(robot, dynamics, natural, LOAD if kind in MEMORIES else 0.0)
         return Natural(gamma_d, cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
-        start = Estimate(dynamics.initial)
-        gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), start)
+        unit = Gradient(shape, dynamics.size)
+        gamma_d = shape * rate_for(mode, effects, unit, Estimate(dynamics.initial))
     gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
     return MassMatrixProjection(gradient, dynamics, robot) if kind == "projected" else gradient
 
@@ -181,7 +181,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     for index in np.flatnonzero(np.isin(dynamics.bodies, robot.carriers)):
         P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
         mass = P[3, 3]
-        centre = P[:3, 3] / P[3, 3]
+        centre = P[:3, 3] / mass
         square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
         thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
         shares[index] = max(1.0, thick, 1.0 + load * robot.mass / mass)
@@ -333,11 +333,11 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
     kinematics = tuning.motion.kinematics
     gamma_k = tuning.rates.get("gamma_k")
     size = kinematics.size
-    loop = law.kinematic_loop()
     if kind == "none" or not size or not law.learns_kinematics:
         return Frozen()
     start = Estimate(kinematics.initial)
     if gamma_k is None:
+        loop = law.kinematic_loop()
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = np.sqrt(stiffness) * np.array(tuning.motion.kinematic_regressors)
         mode = min(law.kinematic_mode * tuning.bandwidth, tuning.settings.kinematic)
