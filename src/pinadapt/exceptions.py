@@ -69,10 +69,17 @@ class TorqueMismatchError(LogError):
         check: the ``TorqueCheck``: factors and correlations of the joints, and likely causes.
     """
 
-    def __init__(self, what: str, *, check: Any = None, **place: Any) -> None:
-        """Say what the check found, as any ``PinadaptError``, and keep it."""
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | Path | None = None,
+        hint: str | None = None,
+        check: Any = None,
+    ) -> None:
+        """Say what the check found and keep it."""
         self.check = check
-        super().__init__(what, **place)
+        super().__init__(what, where=where, hint=hint)
 
 
 class ScenarioError(InputError):
