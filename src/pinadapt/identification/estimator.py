@@ -502,10 +502,9 @@ class Estimator:
     def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
         robot = self.robot
-        n = self.robot.model.nv
         t, q, v, *_, tau, _ = measurement
         Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
-        M, F = np.zeros((2, n, self._columns + 3))
+        M, F = np.zeros((2, len(v), self._columns + 3))
         size = self.dynamics.size
         M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
         F[:, -2], F[:, -1] = tau, np.abs(v) < robot.friction.threshold
@@ -558,8 +557,6 @@ class Estimator:
 
     def _begin_load(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
-        past = state.past
-        left = state.left
         if state.accepted[1]:
             prediction = state.prediction or self._predict(state)
             at = self._loaded
@@ -572,12 +569,10 @@ class Estimator:
                 M += known.T @ known
                 M -= M[:, at] @ np.linalg.solve(M[at][:, at], M[at])
             M[at], M[:, at] = 0.0, 0.0
-            past = past + M
-            left = left + self._squares(state, prediction.a)
+            left = state.left + self._squares(state, prediction.a)
+            state = state._replace(past=state.past + M, left=left)
         state = state._replace(
             products=self._nothing["products"],
-            past=past,
-            left=left,
             accepted=(state.accepted[0], 0, 0),
             recent=(),
             pending=(),
@@ -709,10 +704,9 @@ class Estimator:
         instance(state, EstimatorState, "state")
         a, noise = self._fitted(state, None if near is None else near.a, [])
         if self._wrist:  # as ``identify`` chooses it
-            a_without, noise_without = self._fitted(state, a, self._wrist)
-            if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
-                a = a_without
-                noise = noise_without
+            without = self._fitted(state, a, self._wrist)
+            if np.mean((noise / without[1]) ** 2) > 1.0 - LEAST_GAIN:
+                a, noise = without
         T, _ = self._prior(state).local(a)
         root = T @ _inverse(self._equations(state, self._lasting(state, a, noise), a), T)
         load = None

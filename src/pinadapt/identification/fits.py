@@ -112,12 +112,14 @@ def torque_information(
     noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
     W = np.concatenate([windows.W, columns], axis=2)
-    data = (W / noise[:, None]).reshape(residual.size, -1)
-    prior = np.eye(n, p + n, p) / gain
-    rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (0, n)))])
-    off = (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)
-    y = np.concatenate([(residual / noise).ravel(), *off])
-    return Information((*windows.names, *[""] * n), np.append(a, np.ones(n)), *square(rows, y))
+    rows = [
+        (W / noise[:, None]).reshape(residual.size, -1),
+        np.eye(n, p + n, p) / gain,
+        np.pad(stated[:, :-1], ((0, 0), (0, n))),
+    ]
+    y = [(residual / noise).ravel(), (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)]
+    whole = square(np.vstack(rows), np.concatenate(y))
+    return Information(windows.names, np.append(a, np.ones(n)), *whole)
 
 
 def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
@@ -171,7 +173,7 @@ def load_fit(
     physical: PhysicalSet,
     both: tuple[Windows, Windows],
     robot: Robot,
-    mass: float | None = None,
+    mass: float | None,
 ) -> tuple[PayloadEstimate, Information | None]:
     """Return the load that an arm carries in one log and not in another, and the torques' gains.
 
@@ -229,9 +231,12 @@ def load_fit(
             gains = gains * step.estimate[-len(gains) :]
             own = windows.over(gains)
             found = torque_fit(whole, own, stated, gain=GAIN)
-        words = tuple(f"{name}.gain" for name in robot.joint_names)
-        R = np.diag(1.0 / step.deviations[-len(gains) :])
-        known = Information(words, gains, R, 0.0 * gains)
+        known = Information(
+            tuple(f"{name}.gain" for name in robot.joint_names),
+            gains,
+            np.diag(1.0 / step.deviations[-len(gains) :]),
+            0.0 * gains,
+        )
     found = found.marginal(PER_BODY)
     value, gradient = of_load(robot, found.estimate)
     return PayloadEstimate.of(value, found.deviation(gradient)), known
@@ -279,8 +284,8 @@ def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
     What the motion does not identify stays as described.
     """
     a = kinematics.initial
-    reach = kinematics.robot.reach
-    return fitted(windows.names, a, windows.W, windows.residual(a), reach).refined()
+    residual = windows.residual(a)
+    return fitted(windows.names, a, windows.W, residual, kinematics.robot.reach).refined()
 
 
 class Windows(NamedTuple):
@@ -323,7 +328,7 @@ class Windows(NamedTuple):
         """
         n = motion.v.shape[1]
         size = dynamics.size
-        P = np.eye(motion.v.shape[1])
+        P = np.eye(n)
         found = np.zeros((len(averages.t), n * (size + 1)))
         free = np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
@@ -343,9 +348,15 @@ class Windows(NamedTuple):
         whole = averages.whole
         rows = found.reshape(-1, n, size + 1)[whole]
         tau = averages.mean(free)[whole]
-        parts = averages.t[whole], rows[:, :, :size], tau - rows[:, :, size], tau
-        repeated = float(np.sqrt(n / np.trace(P)))
-        return cls(*parts, dynamics.names, averages.length, repeated)
+        return cls(
+            averages.t[whole],
+            rows[:, :, :size],
+            tau - rows[:, :, size],
+            tau,
+            dynamics.names,
+            averages.length,
+            float(np.sqrt(n / np.trace(P))),
+        )
 
     def over(self, gains: np.ndarray) -> Windows:
         """Return the windows with the torques divided by gains (n)."""

@@ -141,14 +141,13 @@ def measured_motion(
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
-    moved = [pin.difference(model, *ends) for ends in pairwise(q)]
-    return np.array(moved).reshape(-1, model.nv)
+    return np.array([pin.difference(model, *ends) for ends in pairwise(q)]).reshape(-1, model.nv)
 
 
 def integrated(model: pin.Model, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return the configurations (N, nq) to which others, (N, nq) or (nq), move by (N, n)."""
     starts = np.broadcast_to(q, (len(moved), model.nq))
-    found = [pin.integrate(model, start, part) for start, part in zip(starts, moved, strict=True)]
+    found = [pin.integrate(model, *each) for each in zip(starts, moved, strict=True)]
     return np.array(found).reshape(-1, model.nq)
 
 
@@ -212,8 +211,7 @@ class Averages:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
-        found = self.phi @ values.reshape(len(values), -1)
-        return found.reshape(-1, *values.shape[1:])
+        return (self.phi @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
 
 def bump(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:

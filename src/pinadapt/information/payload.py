@@ -274,12 +274,11 @@ class ArmPrior:
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
         change = self.change(found)
-        R = change.R
         c = change.c + change.R @ change.estimate
-        _, s, Vt = np.linalg.svd(R @ self.root)
+        _, s, Vt = np.linalg.svd(change.R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)
-        return replace(self, mean=self.mean + root @ (root.T @ (R.T @ c)), root=root)
+        return replace(self, mean=self.mean + root @ (root.T @ (change.R.T @ c)), root=root)
 
 
 def whole_arm(controller: Controller) -> Dynamics:
@@ -289,16 +288,14 @@ def whole_arm(controller: Controller) -> Dynamics:
         ParameterError: its parameters are lumped, or in a basis of the user's own.
     """
     dynamics = controller.dynamics
-    robot = described_robot(controller)
     if not dynamics.per_body:
         raise ParameterError(
             "these parameters are not those of bodies, so load and arm cannot be separated.",
             where="arm",
             hint='Adapt bodies: dynamic = "all" or "payload".',
         )
-    bodies = BodyDynamics(dynamics.bare(robot), ALL)
-    joints = dynamics.joints
-    return bodies if joints is None else StackedDynamics(bodies, joints)
+    bodies = BodyDynamics(dynamics.bare(described_robot(controller)), ALL)
+    return bodies if dynamics.joints is None else StackedDynamics(bodies, dynamics.joints)
 
 
 def whole_arm_information(

@@ -79,8 +79,8 @@ class FoundTracker(Printed):
     def report(self) -> Report:
         """Return the table."""
         placement = self.tracker.placement
-        a = self.tracker.a
-        values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
+        turn = pin.log3(placement.rotation)
+        values = np.concatenate([turn, placement.translation, self.tracker.a])
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
             ("frames", self.frames),
