@@ -41,12 +41,11 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
     """Return the names of the links that a joint moves, or the joint's own name if none."""
-    links = [
+    return [
         str(frame.name)
         for frame in model.frames
         if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
-    ]
-    return links or [str(model.names[joint])]
+    ] or [str(model.names[joint])]
 
 
 def massless_joints(model: pin.Model) -> list[int]:
@@ -82,7 +81,7 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
     """Return the indices of the joints from the base to a frame, in this order; no free-flyer."""
-    joints = list(model.supports[model.frames[frame].parentJoint])[1:]
+    _, *joints = model.supports[model.frames[frame].parentJoint]
     return [joint for joint in joints if not is_free_flyer(model.joints[joint])]
 
 
@@ -168,10 +167,9 @@ def position_limits(model: pin.Model) -> Bounds:
 
 def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits of the description; NaN for joints of two coordinates."""
-    first = list(model.idx_qs)[1:]
     turns = np.array(list(model.nqs)[1:]) > 1
     stated = np.array([model.lowerPositionLimit, model.upperPositionLimit])
-    return np.where(turns, np.nan, stated[:, first])
+    return np.where(turns, np.nan, stated[:, list(model.idx_qs)[1:]])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
@@ -250,8 +248,9 @@ def check_numbers(model: pin.Model) -> None:
         RobotError: a placement, inertia or gravity that is not finite or too large, or a negative
             mass; the joint is named.
     """
-    rows = zip(model.names, model.jointPlacements, model.inertias, strict=True)
-    for name, placement, body in rows:
+    for name, placement, body in zip(
+        model.names, model.jointPlacements, model.inertias, strict=True
+    ):
         numbers = [*placement.homogeneous.flat, *body.toDynamicParameters(), *model.gravity.linear]
         if not (np.abs(numbers) <= LARGEST).all() or body.mass < 0.0:  # the first also for NaN
             raise RobotError(
@@ -288,7 +287,7 @@ def is_independent(model: pin.Model, joint: int, mimics: Collection[str]) -> boo
     part = model.joints[joint]
     kind = part.shortname().removeprefix("JointModel")
     follows = model.names[joint] in mimics or "Mimic" in kind
-    return part.nv == 1 and kind[0] in "RP" and not follows
+    return not follows and part.nv == 1 and kind[0] in "RP"
 
 
 def check_position_limits(model: pin.Model) -> None:

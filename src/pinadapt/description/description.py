@@ -119,8 +119,9 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
     }
-    q_reference = getattr(source, "q0", pin.neutral(model))
-    return Description(str(model.name), model, shapes.get, q_reference)
+    return Description(
+        str(model.name), model, shapes.get, getattr(source, "q0", pin.neutral(model))
+    )
 
 
 def _from_file(
@@ -137,33 +138,42 @@ def _from_file(
     else:
         file = own["urdf"] = Urdf.read(path, xacro, packages)
         model = file.model()
-    shapes = partial(file.geometry, model)
-    return Description(str(model.name), model, shapes, keyframe(model), file.mimics, **own)
+    return Description(
+        str(model.name), model, partial(file.geometry, model), keyframe(model), file.mimics, **own
+    )
 
 
 def _whole_robot(name: str) -> Description:
     """Return a whole robot of example-robot-data, by the name of its loader."""
     urdf, model, q_reference = whole_robot(name)
-    shapes = partial(whole_geometry, name)
-    return Description(name, model.copy(), shapes, q_reference.copy(), urdf.mimics, urdf=urdf)
+    return Description(
+        name,
+        model.copy(),
+        partial(whole_geometry, name),
+        q_reference.copy(),
+        urdf.mimics,
+        urdf=urdf,
+    )
 
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    own = None if entry.urdf is None else robots_folder() / entry.urdf
-    whole = _whole_robot(entry.origin) if own is None else _from_file(own)
+    if entry.urdf is None:
+        whole = _whole_robot(entry.origin)
+    else:
+        whole = _from_file(robots_folder() / entry.urdf)
     model = whole.model
-    q_reference = whole.q_reference
     if entry.tip is not None:
         index = frame_id(model, entry.link)
         link = model.frames[index]
         place = link.placement * pin.SE3(np.eye(3), np.array(entry.tip))
-        kind = pin.FrameType.OP_FRAME
-        model.addFrame(pin.Frame(entry.frame, link.parentJoint, index, place, kind))
+        model.addFrame(
+            pin.Frame(entry.frame, link.parentJoint, index, place, pin.FrameType.OP_FRAME)
+        )
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
-        q_reference[part.idx_q : part.idx_q + part.nq] = (
+        whole.q_reference[part.idx_q : part.idx_q + part.nq] = (
             angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
         )
     return replace(
