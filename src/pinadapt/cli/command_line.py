@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from functools import partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -128,8 +129,7 @@ def robots(options: Namespace) -> int:
     from ..description.catalogue import catalogue
 
     shown = ("name", "joints", "task", "frame", "origin", "about")
-    rows = [[getattr(each, name) for name in shown] for each in catalogue().values()]
-    print(Table(rows, shown))
+    print(Table(list(map(attrgetter(*shown), catalogue().values())), shown))
     return Exit.DONE
 
 

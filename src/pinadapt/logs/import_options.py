@@ -226,12 +226,12 @@ class ImportOptions:
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return what is stated as TOML, below comments."""
-        stated = {}
         default = vars(ImportOptions())
-        for name, value in vars(self).items():
-            if not np.array_equal(value, default[name]):
-                plain = isinstance(value, np.ndarray | tuple)
-                stated[name] = np.asarray(value).tolist() if plain else value
+        stated = {
+            name: np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple) else value
+            for name, value in vars(self).items()
+            if not np.array_equal(value, default[name])
+        }
         return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
 
 

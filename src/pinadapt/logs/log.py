@@ -102,9 +102,8 @@ class Log:
         """Return times (k) [s] and coordinates (k, m) of the frames that are finite."""
         if self.x is None:
             return np.zeros(0), np.zeros((0, 0))
-        times = self.frames_time
-        finite = np.isfinite(self.x).all(axis=1) & np.isfinite(times)
-        return times[finite], self.x[finite]
+        finite = np.isfinite(self.x).all(axis=1) & np.isfinite(self.frames_time)
+        return self.frames_time[finite], self.x[finite]
 
     def of(self, robot: Robot) -> Log:
         """Return the log with the columns of a robot's joints, in its order.
@@ -306,8 +305,7 @@ def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
     Raises:
         LogError: they disagree.
     """
-    q = log.configurations(robot)
-    rates = differences(robot.model, q) / np.diff(log.t)[:, None]
+    rates = differences(robot.model, log.configurations(robot)) / np.diff(log.t)[:, None]
     means = 0.5 * (v[1:] + v[:-1])
     both = np.isfinite(rates) & np.isfinite(means)
     # averages, in which the noise of differenced encoders cancels

@@ -145,11 +145,10 @@ def numbers_of(rollout: Rollout) -> Row:
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    numbers = rollout.numbers
     limits = rollout.effort_limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
-        **{name: numbers[name] for name in _KEPT if name in numbers},
+        **{name: rollout.numbers[name] for name in _KEPT if name in rollout.numbers},
         "torque_use": extreme(np.max, (np.abs(rollout.tau) / limits)[:, np.isfinite(limits)]),
     }
     if rollout.diverged is not None:

@@ -62,9 +62,8 @@ class Window:
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
         """Draw the object of one node at another node too, on request in the ghost's material."""
-        one = source.path.lower()
-        other = target.path.lower()
-        self.note(other, copy={"source": one, "target": other, "ghost": as_ghost})
+        place = target.path.lower()
+        self.note(place, copy={"source": source.path.lower(), "target": place, "ghost": as_ghost})
 
     def _keep(self, key: Any, message: bytes) -> None:
         with self._lock:
