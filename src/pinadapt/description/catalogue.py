@@ -111,9 +111,12 @@ def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
         model.jointPlacements[1].rotation = kind.freeflyer_ori
     pose = pin.neutral(model)
     if kind.srdf_filename:
-        srdf = str(_folder(kind) / kind.srdf_subpath / kind.srdf_filename)
         pose = _loaders().readParamsFromSrdf(
-            model, srdf, False, kind.has_rotor_parameters, kind.ref_posture
+            model,
+            str(_folder(kind) / kind.srdf_subpath / kind.srdf_filename),
+            False,
+            kind.has_rotor_parameters,
+            kind.ref_posture,
         )
     return urdf, model, pose
 

@@ -33,7 +33,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     for kind in (pin.FrameType.BODY, *pin.FrameType.values.values()):
         if model.existFrame(name, kind):
             return int(model.getFrameId(name, kind))
-    names = [str(frame.name) for frame in model.frames if frame.type in ENDS]
+    names = [frame.name for frame in model.frames if frame.type in ENDS]
     raise RobotError(
         f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}", where="frame"
     )
@@ -42,10 +42,10 @@ def frame_id(model: pin.Model, name: str) -> int:
 def links_of(model: pin.Model, joint: int) -> list[str]:
     """Return the names of the links that a joint moves, or the joint's own name if none."""
     return [
-        str(frame.name)
+        frame.name
         for frame in model.frames
         if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
-    ] or [str(model.names[joint])]
+    ] or [model.names[joint]]
 
 
 def massless_joints(model: pin.Model) -> list[int]:
@@ -130,7 +130,7 @@ def reduced(
     model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
 ) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
     """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes."""
-    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
+    lock = [joint for joint in range(1, model.njoints) if joint not in keep]
     chain, geometries = pin.buildReducedModel(
         with_unique_names(model), list(shapes), lock, q_reference
     )
@@ -167,9 +167,9 @@ def position_limits(model: pin.Model) -> Bounds:
 
 def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits of the description; NaN for joints of two coordinates."""
-    turns = np.array(list(model.nqs)[1:]) > 1
+    turns = np.array(model.nqs[1:]) > 1
     stated = np.array([model.lowerPositionLimit, model.upperPositionLimit])
-    return np.where(turns, np.nan, stated[:, list(model.idx_qs)[1:]])
+    return np.where(turns, np.nan, stated[:, model.idx_qs[1:]])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
@@ -204,7 +204,7 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
         frame: index of the frame.
         joints: of the chain, from the base; None: all of the model.
     """
-    own = list(range(1, model.njoints)) if joints is None else list(joints)
+    own = range(1, model.njoints) if joints is None else joints
     slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
     strokes = np.ptp(position_bounds(model)[:, slides], axis=0)
     limited = np.isfinite(position_limits(model)[0, slides])
@@ -228,7 +228,7 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     """
     slides = _slides(model)
     stroke = np.where(slides, np.abs(position_limits(model)).max(axis=0), 0.0)
-    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    placements = [*model.jointPlacements[2:], model.frames[frame].placement]
     steps = [place.translation for place in placements]
     linear = np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():

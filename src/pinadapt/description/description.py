@@ -90,25 +90,30 @@ def describe(
         )
     elif is_path(source):
         found = _from_file(Path(source).expanduser(), arguments)
-    elif source not in catalogue() and is_description_name(str(source)):
-        path, own, packages = named_description(str(source))
-        found = replace(_from_file(path, {**own, **arguments}, packages), name=str(source))
-    elif xacro:
-        raise RobotError(f"'{source}' is not a xacro file; it takes no arguments.", where="xacro")
-    elif source not in catalogue() and source in whole_names():
-        found = _whole_robot(str(source))
     else:
-        found = _from_catalogue(str(source))
+        found = _from_name(str(source), arguments)
     check_numbers(found.model)
     if mass is None:
         return found
     return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
 
 
+def _from_name(name: str, arguments: XacroArguments) -> Description:
+    """Return a robot of robot_descriptions, of example-robot-data or of the catalogue."""
+    if is_description_name(name):
+        path, own, packages = named_description(name)
+        return replace(_from_file(path, {**own, **arguments}, packages), name=name)
+    if arguments:
+        raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
+    if name not in catalogue() and name in whole_names():
+        return _whole_robot(name)
+    return _from_catalogue(name)
+
+
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
     model = getattr(source, "model", source)
     for joint in range(2, model.njoints):
-        if model.parents[joint] not in list(model.supports[joint - 1]):
+        if model.parents[joint] not in model.supports[joint - 1]:
             raise RobotError(
                 f"joint '{model.names[joint]}' comes after those of another branch, for which "
                 "Pinocchio's mass matrix is wrong.",
@@ -119,9 +124,7 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
     }
-    return Description(
-        str(model.name), model, shapes.get, getattr(source, "q0", pin.neutral(model))
-    )
+    return Description(model.name, model, shapes.get, getattr(source, "q0", pin.neutral(model)))
 
 
 def _from_file(
@@ -139,7 +142,7 @@ def _from_file(
         file = own["urdf"] = Urdf.read(path, xacro, packages)
         model = file.model()
     return Description(
-        str(model.name), model, partial(file.geometry, model), keyframe(model), file.mimics, **own
+        model.name, model, partial(file.geometry, model), keyframe(model), file.mimics, **own
     )
 
 
@@ -166,9 +169,14 @@ def _from_catalogue(name: str) -> Description:
     if entry.tip is not None:
         index = frame_id(model, entry.link)
         link = model.frames[index]
-        place = link.placement * pin.SE3(np.eye(3), np.array(entry.tip))
         model.addFrame(
-            pin.Frame(entry.frame, link.parentJoint, index, place, pin.FrameType.OP_FRAME)
+            pin.Frame(
+                entry.frame,
+                link.parentJoint,
+                index,
+                link.placement * pin.SE3(np.eye(3), np.array(entry.tip)),
+                pin.FrameType.OP_FRAME,
+            )
         )
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
@@ -181,7 +189,7 @@ def _from_catalogue(name: str) -> Description:
         name=entry.name,
         frame=entry.frame,
         task=entry.task,
-        locked=tuple(str(model.names[joint]) for joint in before),
+        locked=tuple(model.names[joint] for joint in before),
     )
 
 
@@ -225,5 +233,8 @@ def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, 
             f"the package robot_descriptions has no '{name}'.{did_you_mean(name, known)}",
             where="source",
         )
-    arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
-    return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})
+    return (
+        Path(path),
+        {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {}),
+        getattr(module, "XACRO_PACKAGE_PATHS", {}),
+    )

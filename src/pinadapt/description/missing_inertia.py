@@ -68,7 +68,7 @@ def with_inertias(
                 placed[joint] += part.placement.act(solid)
         solids |= placed
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
-    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
+    radius = _SLENDER * max(map(np.linalg.norm, ends.values()))
     rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
     bodies = solids | rods
     density = (mass - described) / sum(body.mass for body in bodies.values())

@@ -108,7 +108,7 @@ class Mjcf:
     def passive(self, model: pin.Model) -> tuple[str, ...]:
         """Return the joints that no actuator moves; none if the file has no actuators of joints."""
         driven = _driven(self.root, self.mimics)
-        names = map(str, model.names[1:] if driven else ())
+        names = model.names[1:] if driven else ()
         return tuple(name for name in names if name not in driven)
 
     def model(self) -> pin.Model:
@@ -138,8 +138,14 @@ class Mjcf:
             ]
             for name, body, at in zip(names, bodies, _meeting(loop, data, *bodies), strict=False):
                 carrier = model.frames[body]
-                place, kind = carrier.placement * at, pin.FrameType.SENSOR  # no end of a chain
-                model.addFrame(pin.Frame(name, carrier.parentJoint, body, place, kind), False)
+                frame = pin.Frame(
+                    name,
+                    carrier.parentJoint,
+                    body,
+                    carrier.placement * at,
+                    pin.FrameType.SENSOR,  # no end of a chain
+                )
+                model.addFrame(frame, False)
         return model
 
     def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
@@ -193,8 +199,7 @@ def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple
     """Return where a loop is closed in its bodies' frames a and b, placed as at "qpos0"."""
     between = data.oMf[a].actInv(data.oMf[b])
     if loop.tag == "connect":
-        anchor = np.array(loop.get("anchor", "0 0 0").split(), dtype=float)
-        at = pin.SE3(np.eye(3), anchor)
+        at = pin.SE3(np.eye(3), np.array(loop.get("anchor", "0 0 0").split(), dtype=float))
         return at, between.actInv(at)
     pose = np.array(loop.get("relpose", "0 1 0 0 0 0 0").split(), dtype=float)
     w, *xyz = pose[3:]
@@ -258,8 +263,9 @@ def mjcf_text(robot: Any) -> str:
             joint.set("actuatorfrcrange", digits([-effort, effort]))  # as robots are read
     for name in robot.frames:
         frame = model.frames[frame_id(model, name)]
-        body = bodies[frame.parentJoint]
-        ElementTree.SubElement(body, "site", {"name": name, **_at(frame.placement)})
+        ElementTree.SubElement(
+            bodies[frame.parentJoint], "site", {"name": name, **_at(frame.placement)}
+        )
     root.append(motors)
     ElementTree.indent(root)
     return xml_text(root) + "\n"
