@@ -214,12 +214,12 @@ class Allowance:
         each = with_one - held  # [N m or N] for a kilogram
         if load is None:
             room = (effort - np.abs(held)) / np.maximum(np.abs(each), np.finfo(float).eps)
-            load = max(min(LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
+            load = max(min(LOAD * robot.mass, 0.5 * room.min()), 0.0)
         self.load = mass = positive(load, "load", zero=True)
         self.loaded = robot.changed(payload=Payload(mass)).model if mass else model
         needed = np.maximum(np.abs(held), np.abs(held + mass * each))
         if (needed >= effort).any():
-            j = int(np.argmax(needed / effort))
+            j = np.argmax(needed / effort)
             raise RobotError(
                 f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
                 f"{effort[j]:.3g} N m or N that a motion may use ({SHARE:.0%} of its limit), with "
@@ -231,7 +231,7 @@ class Allowance:
         plane = MountingPlane.of(model, robot.frame_id, robot.q0)
         if floor is not None and shapes is None:
             plane = replace(plane, level=max(plane.level, floor), side=1.0)
-        distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
+        (distance,) = plane.distances(model, robot.frame_id, [robot.q0])
         if distance <= 0.0 and floor is not None and shapes is None:
             raise _below(robot.frame, distance, robot)
         self.plane = plane if distance > 0.0 else None

@@ -188,8 +188,9 @@ class _Search:
 
     def _regressors(self, states: States) -> np.ndarray:
         """Return the regressors Y (N, n, p) of the torques."""
-        each = zip(*states[1:], strict=True)
-        return np.array([self._dynamics.regressor(*state) for state in each])
+        return np.array(
+            [self._dynamics.regressor(*state) for state in zip(*states[1:], strict=True)]
+        )
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
         """Return the coefficients of largest gain, nearly within the allowance."""
@@ -260,7 +261,7 @@ class _Search:
         beyond = _PENALTY / count * np.sum(self._allowed.excess(states) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = ((beyond[1:] - beyond[0] - changes) / _STEP).reshape(3, n, count)
-        return float(beyond[0].sum()) - gain, (slopes @ self.basis.rows).sum(axis=0)
+        return beyond[0].sum() - gain, (slopes @ self.basis.rows).sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

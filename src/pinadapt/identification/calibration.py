@@ -433,13 +433,18 @@ class _Unknown(NamedTuple):
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
             for k, label in enumerate(labels):
                 if whole or (k == own and OFFSETS in words):
-                    full = f"{name}.{_OWN if k == own else label}"
-                    along = not tracked and k % 3 == own % 3
-                    found.append((full, joint, axes[:, k], prior[k], along))
+                    found.append(
+                        (
+                            f"{name}.{_OWN if k == own else label}",
+                            joint,
+                            axes[:, k],
+                            prior[k],
+                            not tracked and k % 3 == own % 3,
+                        )
+                    )
         if TOOL in words:  # a position does not show how a tool is turned
-            for k in range(task.size):
-                name = f"{TOOL}.{labels[k]}"
-                found.append((name, model.njoints, np.eye(6)[k], vague[k], False))
+            for k, label in enumerate(labels[: task.size]):
+                found.append((f"{TOOL}.{label}", model.njoints, np.eye(6)[k], vague[k], False))
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
@@ -472,8 +477,9 @@ class _Geometry:
         """Yield the mask (p) of each placement's parameters, and views of it in both models."""
         for joint in np.unique(self.unknown.joints).tolist():
             of = None if joint == model.njoints else joint
-            frame = self.described.frame_id
-            now, other = (placement_of(one, frame, of) for one in (self.model, model))
+            now, other = (
+                placement_of(one, self.described.frame_id, of) for one in (self.model, model)
+            )
             yield self.unknown.joints == joint, now, other
 
     def move(self, step: np.ndarray) -> None:
@@ -586,7 +592,7 @@ def _fitted(
         sigma = np.repeat(noise, 3)
         rows = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior))
         squared = np.linalg.svd(rows, compute_uv=False) ** 2
-        rank = float(np.sum(squared / (1.0 + squared)))
+        rank = np.sum(squared / (1.0 + squared))
         if _LEAST * rank > len(rows):
             raise LogError(
                 f"{len(rows) // m} frames of {m} numbers are too few for {rank:.0f} combinations "

@@ -282,15 +282,19 @@ class Estimator:
                 self.robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
                 tried = [part.name(robot.joint_names) for part in self.robot.friction.shafts]
             ones = np.ones(robot.model.nv)
-            friction = replace(self.robot.friction, breakaway=ones, fading=FADING * ones)
-            self.robot = replace(self.robot, friction=friction)
+            self.robot = replace(
+                self.robot,
+                friction=replace(self.robot.friction, breakaway=ones, fading=FADING * ones),
+            )
         rubbing = [robot.joint_names[j] for j in self._near]
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own = physical_set(dynamics, self.robot)
         size = dynamics.inertial.size
         self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
-        dry = [dynamics.names.index(f"{name}.{kind}") for name in rubbing for kind in _DRY]
-        self._dry = np.array(dry, dtype=int).reshape(-1, len(_DRY))
+        self._dry = np.array(
+            [[dynamics.names.index(f"{name}.{kind}") for kind in _DRY] for name in rubbing],
+            dtype=int,
+        ).reshape(-1, len(_DRY))
         # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
         self._fading = np.arange(dynamics.size, carried).reshape(self._dry.shape)
@@ -344,10 +348,10 @@ class Estimator:
         found[:, self._columns] = True
         self._places = [np.flatnonzero(one) for one in found[:, self._order]]
         # under constraints fewer equations than joints are independent
-        free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
-        self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        # what a state has learned at first
         none = np.zeros(robot.model.nv)
+        free, _ = self._constraints.free(robot.q0, none)
+        self._repeated = np.sqrt(robot.model.nv / np.trace(free))
+        # what a state has learned at first
         e = len(self._order)
         self._nothing: dict[str, Any] = {
             "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
@@ -359,8 +363,7 @@ class Estimator:
             "pending": (),
             "prediction": None,
         }
-        count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
-        self._count = 2 * count + 1
+        self._count = 2 * max(round(_SMOOTH / period), 2) + 1 if flag(smooth, "smooth") else 1
 
     def init(self, measurement: Measurement) -> EstimatorState:
         """Return the state at the first sample.
@@ -541,10 +544,12 @@ class Estimator:
 
     def _add(self, state: EstimatorState, windows: Sequence[np.ndarray]) -> EstimatorState:
         """Return the state that learned from windows."""
-        each = zip(state.products, self._each(windows), strict=True)
         total, present, _ = state.accepted
         state = state._replace(
-            products=tuple(old + rows.T @ rows for old, rows in each),
+            products=tuple(
+                old + rows.T @ rows
+                for old, rows in zip(state.products, self._each(windows), strict=True)
+            ),
             level=sum((one[:, -1] ** 2 for one in windows), state.level),
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
@@ -569,8 +574,9 @@ class Estimator:
                 M += known.T @ known
                 M -= M[:, at] @ np.linalg.solve(M[at][:, at], M[at])
             M[at], M[:, at] = 0.0, 0.0
-            left = state.left + self._squares(state, prediction.a)
-            state = state._replace(past=state.past + M, left=left)
+            state = state._replace(
+                past=state.past + M, left=state.left + self._squares(state, prediction.a)
+            )
         state = state._replace(
             products=self._nothing["products"],
             accepted=(state.accepted[0], 0, 0),
@@ -645,8 +651,8 @@ class Estimator:
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
         w = self._weights(state, a)
-        each = zip(self._places, state.products, strict=True)
-        return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
+        found = [w[at] @ M @ w[at] for at, M in zip(self._places, state.products, strict=True)]
+        return np.maximum(found, 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
@@ -663,8 +669,9 @@ class Estimator:
         if len(state.recent) < _EVERY:
             return noise * np.sqrt(OVERLAP) * self._repeated
         w = self._weights(state, a)
-        each = zip(self._each(state.recent), self._places, strict=True)
-        left = np.column_stack([rows @ w[at] for rows, at in each])
+        left = np.column_stack(
+            [rows @ w[at] for rows, at in zip(self._each(state.recent), self._places, strict=True)]
+        )
         return noise * self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
@@ -679,7 +686,7 @@ class Estimator:
             X = _inverse(M, T)
             a = center + T @ (X @ (X.T @ (T.T @ (M @ np.append(-center, 1.0))[:-1])))
             a = np.maximum(a, self._least)
-            fitted = len(a) - WEIGHT * float(np.sum(X**2))
+            fitted = len(a) - WEIGHT * np.sum(X**2)
         noise = self._noise(state, a, fitted)
         lasting = self._lasting(state, a, noise)
         root = T @ _inverse(self._equations(state, lasting, a), T)
@@ -763,7 +770,7 @@ class Estimator:
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
             gains[j] = np.linalg.norm(Y[:, self._own] @ root[self._load] / noise[:, None])
-        return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
+        return f"not enough motion yet: shake {robot.joint_names[gains.argmax()]}"
 
 
 def _inverse(M: np.ndarray, T: np.ndarray) -> np.ndarray:

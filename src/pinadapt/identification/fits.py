@@ -26,7 +26,7 @@ from ..information.information import CERTAIN, Information, fitted, position_row
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
 from ..models.dynamics import Dynamics
-from ..models.physical_fit import PhysicalSet, physical_fit, square
+from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.constraints import Constraints
@@ -84,8 +84,9 @@ def torque_fit(
         return torque_information(a, windows, stated, gains, gain).marginal(a.size)
     rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
     stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
-    others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
-    return torque_fit(physical, windows, stated, others, gain=gain)
+    return torque_fit(
+        physical, windows, stated, np.where(beyond, [[-np.inf], [np.inf]], bounds), gain=gain
+    )
 
 
 def torque_information(
@@ -170,7 +171,6 @@ def bounds_of_masses(
 
 def load_fit(
     dynamics: Dynamics,
-    physical: PhysicalSet,
     both: tuple[Windows, Windows],
     robot: Robot,
     mass: float | None,
@@ -182,7 +182,6 @@ def load_fit(
 
     Args:
         dynamics: of the arm, its last body among them.
-        physical: the set of its physical parameters.
         both: windows of the log with the load, and of that without.
         robot: as described, with its task frame.
         mass: of the load [kg], if it is known: gains are found then, and only then.
@@ -199,6 +198,7 @@ def load_fit(
     t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
     load = W[:, :, last].copy()
     load[len(both[0].t) :] = 0.0
+    physical = physical_set(dynamics, robot)
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
@@ -355,7 +355,7 @@ class Windows(NamedTuple):
             tau,
             dynamics.names,
             averages.length,
-            float(np.sqrt(n / np.trace(P))),
+            np.sqrt(n / np.trace(P)),
         )
 
     def over(self, gains: np.ndarray) -> Windows:

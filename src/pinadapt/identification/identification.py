@@ -129,8 +129,8 @@ def identify(
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
         logs.append(one)
-    count = len(sources) + len(tests)
-    logs, without = in_sequence(logs[:count], _PAUSE), logs[count:]
+    without = [] if empty is None else [logs.pop()]
+    logs = in_sequence(logs, _PAUSE)
     found = joined(logs)
     given = replace(Unknown.of(unknown), regressor="nominal")
     frames, nominal = _frames_and_task(found, described, given)
@@ -192,8 +192,11 @@ def identify(
             effects=others,
         )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
-        words = (*name_list(given.effects, "unknown.effects"), *effects.words)
-        given = replace(given, effects=words, armature=bool(given.armature))
+        given = replace(
+            given,
+            effects=(*name_list(given.effects, "unknown.effects"), *effects.words),
+            armature=bool(given.armature),
+        )
         unknown = given.with_joints()
         controller = _controller(nominal, unknown)
     dynamics = controller.dynamics
@@ -207,9 +210,8 @@ def identify(
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
         part = learned if known_load is None else split
-        both = windows.between(last=part), bare
         load_estimate, gains = load_fit(
-            model, physical_set(model, nominal), both, nominal, known_load
+            model, (windows.between(last=part), bare), nominal, known_load
         )
     if gains is not None:
         motion = motion._replace(tau=motion.tau / gains.estimate)
@@ -280,7 +282,7 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
         before = footing[:0] if step >= _PAUSE else footing  # of the same log
         footing, moved = constraints.footing(before, None, step)
         if moved.max() > SLIP:
-            frame = robot.contacts[int(moved.argmax())].frame
+            frame = robot.contacts[moved.argmax()].frame
             raise LogError(
                 f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t:.3g} s.",
                 where="q",

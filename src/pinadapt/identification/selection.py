@@ -189,7 +189,7 @@ def choose_effects(
 
 def _candidates(robot: Robot, dynamics: Dynamics) -> Iterator[_Candidate]:
     """Yield the effects that may be added; columns of friction near rest are the last ones."""
-    names = list(dynamics.names)
+    names = dynamics.names
     joints = robot.joint_names
     armatures = tuple(f"{name}.armature" for name in joints)
     yield _Candidate("rotor inertias of all joints", armatures, list(map(names.index, armatures)))

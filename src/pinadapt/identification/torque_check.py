@@ -177,8 +177,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
         ]
         causes = [f"{'; '.join(shown)}, and no single mistake explains that"]
     columns = (part.tolist() for part in (rms(motion.tau, 0), *plain[:5]))
-    joints = tuple(map(JointFactor, robot.joint_names, *columns))
-    return TorqueCheck(log.source, joints, tuple(causes), plain.load)
+    joints = map(JointFactor, robot.joint_names, *columns)
+    return TorqueCheck(log.source, tuple(joints), tuple(causes), plain.load)
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
@@ -286,8 +286,9 @@ def _each(motion: _Motion, function: Any) -> np.ndarray:
     model = motion.robot.model
     data = model.createData()
     q = integrated(model, pin.neutral(model), motion.q)
-    states = zip(q, motion.v, motion.a, strict=True)
-    return np.array([function(model, data, *each).copy() for each in states])
+    return np.array(
+        [function(model, data, *each).copy() for each in zip(q, motion.v, motion.a, strict=True)]
+    )
 
 
 def _fit(motion: _Motion) -> _Fit:
@@ -314,7 +315,7 @@ def _fit(motion: _Motion) -> _Fit:
     loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
     mass, (deviation,) = float(scale[-PER_BODY] @ x), found.deviation(scale[[-PER_BODY]])
     mass *= abs(mass) > 2.0 * deviation  # beyond which are 5 % of loads that are none
-    fit = loaded._replace(left=fit.left, price=float(x @ x) / _WORTH, load=mass)
+    fit = loaded._replace(left=fit.left, price=x @ x / _WORTH, load=mass)
     best = min(bare, fit, key=lambda one: one.score)
     return best._replace(fits=bare.fits) if bare.fits.all() else best
 
@@ -404,7 +405,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
     clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
     factors = bare.factor[clear]
     if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1] ** 2:
-        common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
+        common = np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0])
         gains = np.where(clear, bare.factor, common)  # motors may be unlike
         yield (
             f"all torques are about {common:.2g} times the described ones, as motor currents "

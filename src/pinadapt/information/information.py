@@ -244,8 +244,8 @@ def frames(
     times, first = np.unique(taken, return_index=True)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
     model = kinematics.robot.model
-    m = kinematics.positions
     kept, q, v = at_times(model, t, q.reshape(-1, model.nq), times)
+    m = kinematics.positions
     return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
 

@@ -89,11 +89,16 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
         ]
     )
     tau = np.vstack([held, held[-1:]])
-    period = float(t[-1] - t[0]) / (len(t) - 1)
+    period = (t[-1] - t[0]) / (len(t) - 1)
     t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
-    middle = integrated(model, q[:-1], 0.5 * differences(model, q))
-    a = np.diff(v, axis=0) / period
-    return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
+    return MeasuredMotion(
+        t[:-1] + 0.5 * period,
+        integrated(model, q[:-1], 0.5 * differences(model, q)),
+        0.5 * (v[:-1] + v[1:]),
+        np.diff(v, axis=0) / period,
+        tau[:-1],
+        noisy,
+    )
 
 
 def measured_motion(
@@ -133,9 +138,10 @@ def measured_motion(
     linear = partial(make_interp_spline, k=1, check_finite=False)
     path = sosfiltfilt(low_pass, linear(t, travelled)(even), axis=0)
     v = np.gradient(path, step, axis=0)
-    parts = path, v, np.gradient(v, step, axis=0)
     settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    travelled, v, a = (linear(even, part)(t[settled]) for part in parts)
+    travelled, v, a = (
+        linear(even, part)(t[settled]) for part in (path, v, np.gradient(v, step, axis=0))
+    )
     return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
 
 

@@ -81,8 +81,10 @@ class PayloadEstimate(Printed):
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray]:
         """Mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
-        return np.array([self.mass, *self.com, *self.inertia]), np.array(known)
+        return (
+            np.array([self.mass, *self.com, *self.inertia]),
+            np.array([self.mass_known_to, *self.com_known_to, *self.inertia_known_to]),
+        )
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -99,9 +101,12 @@ class PayloadEstimate(Printed):
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
-        names = ("mass", "centre x", "centre y", "centre z", *LABELS[4:])
-        units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-        return estimate_table(names, *self.numbers, units, "load")
+        return estimate_table(
+            ("mass", "centre x", "centre y", "centre z", *LABELS[4:]),
+            *self.numbers,
+            ["kg", *["m"] * 3, *["kg m^2"] * 6],
+            "load",
+        )
 
 
 def payload_estimate(

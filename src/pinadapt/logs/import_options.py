@@ -189,8 +189,9 @@ class ImportOptions:
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
-        v = None if log.v is None else _mapped(A, log.v)
-        return replace(log, q=_mapped(A, log.q) + offset, v=v)
+        return replace(
+            log, q=_mapped(A, log.q) + offset, v=None if log.v is None else _mapped(A, log.v)
+        )
 
     def _signs(self, names: list[str]) -> dict[str, np.ndarray]:
         """Return signal -> the sign (n) of each joint."""

@@ -144,8 +144,10 @@ class Log:
 
     def ordered(self, order: Sequence[int], signals: Sequence[str] = SIGNALS) -> Log:
         """Return the log with the columns of some signals in another order."""
-        parts = {name: part[:, order] for name, part in self.signals().items() if name in signals}
-        return replace(self, **parts)
+        return replace(
+            self,
+            **{name: part[:, order] for name, part in self.signals().items() if name in signals},
+        )
 
     def configurations(self, robot: Robot) -> np.ndarray:
         """Return q (N, nq) as Pinocchio has it; NaN where a joint was not measured."""
@@ -233,7 +235,7 @@ def check_times(log: Log) -> None:
     """
     late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
     if late.any():
-        row = int(np.argmax(late))
+        row = np.argmax(late)
         flaw = f"times must ascend; sample {row} is at {log.t[row]:.6g} s."
         hint = (
             "--repeated drop leaves out samples of repeated or earlier times; --columns t=NAME "
@@ -261,7 +263,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     check_times(log)
     for name in ("q", "tau") if torques else ("q",):
         part = getattr(log, name)
-        share = float(np.isfinite(part).mean(axis=0).min())
+        share = np.isfinite(part).mean(axis=0).min()
         if share < 0.5:
             refuse(
                 name,
@@ -291,7 +293,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         _check_velocities(log, log.v, robot)
     still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
-        name = robot.joint_names[int(still.argmax())]
+        name = robot.joint_names[still.argmax()]
         refuse(
             "tau",
             f"the torque of {name} is zero in all samples: not recorded.",
@@ -316,7 +318,7 @@ def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
     factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
     wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
     if wrong.any():
-        j = int(wrong.argmax())
+        j = wrong.argmax()
         raise LogError(
             f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
             "positions: other units, another sign, or the other side of a gear.",
