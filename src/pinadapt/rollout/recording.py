@@ -558,8 +558,7 @@ class Recording:
     def limits(self) -> LimitExcess:
         """How far the motion of each joint exceeded the description's limits."""
         robot = self.evaluated().true.robots[0]
-        q = self.q[:, robot.model.idx_qs.tolist()[1:]]
-        return LimitExcess.of(robot, q, self.v, self.tau)
+        return LimitExcess.of(robot, self.q[:, robot.model.idx_qs[1:]], self.v, self.tau)
 
     @cached_property
     def effort_limits(self) -> np.ndarray:

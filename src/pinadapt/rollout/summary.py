@@ -222,7 +222,7 @@ BETTER = 0.2
 def _verdict(run: Recording, numbers: Numbers) -> str:
     """Return the verdict in one line."""
     found = numbers["torque_prediction"]
-    parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
+    parts = [(run.reason or "").rstrip("."), _error(run, numbers)]
     if run.slowed:
         parts.append(f"path slowed {_longest(run.slowed)}")
     if run.infeasible:

@@ -123,8 +123,8 @@ class Scenario:
         options = given["controller"]
         if isinstance(changes := options.get("compensated"), Mapping):
             with located("controller.compensated"):
-                compensation = read(changes, "controller.compensated", Robot.changed)
-                options["compensated"] = Gravity(described.changed(**compensation))
+                known = described.changed(**read(changes, "controller.compensated", Robot.changed))
+                options["compensated"] = Gravity(known)
         with in_table("controller"):
             controller = make_controller(
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
@@ -214,8 +214,9 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     Raises:
         InputError: they do not fit the robot.
     """
-    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
-    true = described.changed(**own)
+    true = described.changed(
+        **{key: value for key, value in truth.items() if key not in ("tracker", "camera")}
+    )
     task = described.task
     if isinstance(task, ImageTask) != bool(truth["camera"]):
         raise ScenarioError(

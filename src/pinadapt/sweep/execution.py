@@ -71,8 +71,9 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
     Raises:
         InputError: the values cannot be used.
     """
-    own = with_values(tables, {"simulation.seed": case.seed, **case.values})
-    return Scenario.build(own, Path(folder))
+    return Scenario.build(
+        with_values(tables, {"simulation.seed": case.seed, **case.values}), Path(folder)
+    )
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:
@@ -411,9 +412,8 @@ def run_plan(
     done = set[int]()
     if folder is not None:
         done.update(join(folder, AGAIN if retry else ())["case"])
-    missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
-        rows(plan, missing, executor),
+        rows(plan, (case for case in plan.cases if case.number not in done), executor),
         desc="sweep",
         total=len(plan.cases),
         initial=len(done),

@@ -77,12 +77,11 @@ class Window:
         Each is preceded by its length in 4 bytes, as the page reads it.
         """
         with self._lock:
-            framed = (
+            return self.count, b"".join(
                 len(message).to_bytes(4, "big") + message
                 for number, message in self._latest.values()
                 if number > count
             )
-            return self.count, b"".join(framed)
 
 
 def solid(colour: int, opacity: float = 1.0, **options: Any) -> MeshLambertMaterial:

@@ -155,8 +155,11 @@ class DrawnRobot:
         points = motion[:, :, :3, 3].swapaxes(0, 1)
         joints = self.robot.model.njoints
         for index in range(joints):
-            turn = Rotation.from_matrix(motion[:, index, :3, :3])
-            poses.move(self.node[f"joint {index}"], points[index], turn)
+            poses.move(
+                self.node[f"joint {index}"],
+                points[index],
+                Rotation.from_matrix(motion[:, index, :3, :3]),
+            )
         for end, start in self._bones:
             poses.move(self.node[f"rod {end}"], *rod(points[start], points[end], 0.025 * self.size))
         for node, tip in zip(self._tips, points[joints:], strict=True):
