@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from functools import partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -81,10 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
         arguments = sys.argv[1:]
-    shown = warnings.showwarning
-    warnings.showwarning = partial(_show_once, set())
     try:
-        with stopped_by_signals():
+        with stopped_by_signals(), warnings.catch_warnings():
+            warnings.showwarning = partial(_show_once, set())
             options = _options(arguments)
             return getattr(_module(options.command), options.command)(options)
     except KeyboardInterrupt:
@@ -96,8 +96,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (PinadaptError, OSError) as error:  # OSError: outputs that cannot be written
         print(f"pinadapt: {error}", file=sys.stderr)
         return Exit.REFUSED if isinstance(error, InputError | OSError) else Exit.DIVERGED
-    finally:
-        warnings.showwarning = shown
 
 
 def _options(arguments: Sequence[str]) -> Namespace:
@@ -128,8 +126,7 @@ def robots(options: Namespace) -> int:
     from ..description.catalogue import catalogue
 
     shown = ("name", "joints", "task", "frame", "origin", "about")
-    rows = [[getattr(each, name) for name in shown] for each in catalogue().values()]
-    print(Table(rows, shown))
+    print(Table(list(map(attrgetter(*shown), catalogue().values())), shown))
     return Exit.DONE
 
 

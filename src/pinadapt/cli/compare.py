@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from .._output import one_run, write_json
@@ -52,8 +52,8 @@ def compare(options: Namespace) -> int:
         for finding in scenario.findings():
             warnings.warn(f"{law}: {finding}", stacklevel=1)
     with one_run(folder, _FILES, partly=False) as beside:
-        alone = ((scenario, None) for scenario in scenarios.values())
-        rollouts = _run_all(alone, [beside / law for law in scenarios], html=False)
+        pairs = ((beside / law, scenario, None) for law, scenario in scenarios.items())
+        rollouts = _run_all(pairs, html=False)
         (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
         write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
@@ -61,13 +61,16 @@ def compare(options: Namespace) -> int:
 
 
 def _run_all(
-    pairs: Iterable[tuple[Scenario, Scenario | None]], folders: Sequence[Path], *, html: bool
+    pairs: Iterable[tuple[Path, Scenario, Scenario | None]], *, html: bool
 ) -> list[Rollout]:
-    """Run scenarios and those without adaptation until one is interrupted; print one table."""
+    """Run scenarios, each into its folder, beside those without adaptation; print one table.
+
+    It ends with the first that is interrupted.
+    """
     rollouts: list[Rollout] = []
     try:
-        for pair, folder in zip(pairs, folders, strict=True):
-            rollouts.append(run_beside(*pair))
+        for folder, scenario, without in pairs:
+            rollouts.append(run_beside(scenario, without))
             write_run(rollouts[-1], folder, html=html)
             if rollouts[-1].interrupted is not None:
                 break
@@ -94,10 +97,12 @@ def demo_arguments(parser: ArgumentParser) -> None:
 def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
     out = out_folder(options, "demo", [])
-    paths = [robots_folder() / file for file in SHOWCASE.values()]
+    pairs = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
-        pairs = [(Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])) for path in paths]
-    rollouts = _run_all(pairs, [out / name for name in SHOWCASE], html=True)
+        for name, file in SHOWCASE.items():
+            path = robots_folder() / file
+            pairs.append((out / name, Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])))
+    rollouts = _run_all(pairs, html=True)
     print(f"\nplots and animations: {out}/*/error.png, parameters.png, torque.png, animation.html")
     return status_of(*rollouts)

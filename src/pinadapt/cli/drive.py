@@ -149,7 +149,7 @@ def drive(options: Namespace) -> int:
     )
     with recorder, _connect(options, scenario, load) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
-        loop = RealtimeLoop(
+        ending = RealtimeLoop(
             arm,
             controller,
             scenario.trajectory,
@@ -158,8 +158,7 @@ def drive(options: Namespace) -> int:
             recorder=recorder,
             start=scenario.start,
             scheduling=Scheduling(core=options.core),
-        )
-        ending = loop.run(options.duration)
+        ).run(options.duration)
     print(ending)
     if options.stage is Stage.ADAPT and ending.state is not None:
         beside = path.with_suffix(".learned.json")
@@ -212,9 +211,9 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     kind = options.kind
     address = options.address
     if kind == "simulated":
-        make = partial(scenario.engine.make, scenario.true.undrawn(), scenario.controller)
-        period = scenario.engine.period(scenario.controller)
-        return ProcessArm(make, period, sensors=scenario.sensors)
+        engine = scenario.engine
+        make = partial(engine.make, scenario.true.undrawn(), scenario.controller)
+        return ProcessArm(make, engine.period(scenario.controller), sensors=scenario.sensors)
     if kind == "moteus":
         from ..realtime.moteus_arm import MoteusArm, Motor
 
@@ -231,8 +230,9 @@ def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Ar
     if kind == "franka":
         if address is None:
             raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
-        known = given(options, ("recover", *_COLLISION))
-        return FrankaArm(address, scenario.estimated, load=load, **known)
+        return FrankaArm(
+            address, scenario.estimated, load=load, **given(options, ("recover", *_COLLISION))
+        )
     file, _, name = kind.rpartition(":")
     if not Path(file).is_file():
         raise InputError(

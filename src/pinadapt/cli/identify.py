@@ -87,8 +87,11 @@ def identify_arguments(parser: ArgumentParser) -> None:
 def calibrate_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``calibrate``."""
     _add_shared(parser, "calibrated")
-    placements = {"type": names, "metavar": "A,B"}
-    add_arguments_of(parser, calibration.calibrate, {"unknown": placements, "tracker": bool})
+    add_arguments_of(
+        parser,
+        calibration.calibrate,
+        {"unknown": {"type": names, "metavar": "A,B"}, "tracker": bool},
+    )
     parser.set_defaults(task=None, test=[], empty=None)
 
 
@@ -242,13 +245,12 @@ def identify(options: Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock, joint_effects=True)
         for path in options.compare
     }
-    named = {name: getattr(options, name) for name in ("kinematic", "dynamic", "joint")}
     try:
         found = identify_log(
             options.log,
             robot,
             import_options=import_options,
-            unknown=Unknown().with_names(**named),
+            unknown=Unknown().with_names(options.kinematic, options.dynamic, options.joint),
             **given(options, ("test", "empty", "total_mass", "known_load")),
             mass_bounds=dict(options.mass_bounds or ()),
         )
@@ -301,8 +303,7 @@ def _write_import_options(options: Namespace, source: Path, given: ImportOptions
     place = place_beside(source)
     robot = _robot(options)
     import_options = ImportOptions.of(given, source)
-    log, described = log_and_robot(source, robot, import_options)
-    check = check_torques(log, described)
+    check = check_torques(*log_and_robot(source, robot, import_options))
     how = f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}."
     write_text(place, import_options.text([how, f"Checked: {check.verdict}"]))
     print(check)

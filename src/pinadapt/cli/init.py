@@ -83,5 +83,5 @@ def _commands(options: Namespace, limbs: list[str]) -> Iterator[str]:
         ("--contacts", feet, 3),
     ):
         if len(chosen) >= least:
-            choice = [option, ",".join(chosen)]
-            yield shlex.join(["pinadapt", "init", options.source, *choice, *kept, "--force"])
+            words = ["pinadapt", "init", options.source, option, ",".join(chosen)]
+            yield shlex.join([*words, *kept, "--force"])

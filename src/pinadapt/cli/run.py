@@ -45,12 +45,14 @@ def run_arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Run a scenario as ``run_into`` does."""
-    scenario = Scenario.read(options.scenario, options.set)
-    without = None
-    if options.unadapted:
-        without = Scenario.read(options.scenario, [*options.set, NOT_ADAPTED])
-    folder = options.out or Path("out") / options.scenario.stem
-    return run_into(folder, scenario, without, html=not options.no_html, live=options.live)
+    path = options.scenario
+    return run_into(
+        options.out or Path("out") / path.stem,
+        Scenario.read(path, options.set),
+        Scenario.read(path, [*options.set, NOT_ADAPTED]) if options.unadapted else None,
+        html=not options.no_html,
+        live=options.live,
+    )
 
 
 def run_into(
@@ -155,10 +157,10 @@ def view(options: Namespace) -> int:
     from ..realtime.recorder import watched
     from ..view.live import LiveView
 
-    robot = scenario.true
-    controller = scenario.controller
-    with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
-        coming = watched(port, controller, robot)
+    with LiveView(
+        scenario.true, scenario.controller, scenario.trajectory, duration=scenario.duration
+    ) as live:
+        coming = watched(port, scenario.controller, scenario.true)
         for _ in live.watch(coming):  # until the loop ends, which does not notice
             pass
     return Exit.DONE

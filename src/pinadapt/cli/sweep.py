@@ -64,15 +64,14 @@ def sweep(options: Namespace) -> int:
     """
     from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
 
-    path = options.scenario
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
     again = options.resume or options.retry
-    if not path.is_dir():
+    if not options.scenario.is_dir():
         claimed(folder, plan, resume=again, anew=options.force)
     try:
-        if path.is_dir() and not again:
+        if options.scenario.is_dir() and not again:
             table = read(folder)
         else:
             table = run_plan(plan, options.processes, folder, retry=options.retry)
@@ -100,8 +99,10 @@ def _plan(options: Namespace) -> tuple[Plan, Path]:
     """
     path = options.scenario
     if not path.is_dir():
-        plan = Plan.read(path, options.vary, options.set, **given(options, _OWN))
-        return plan, options.out or Path("out") / f"{path.stem}-sweep"
+        return (
+            Plan.read(path, options.vary, options.set, **given(options, _OWN)),
+            options.out or Path("out") / f"{path.stem}-sweep",
+        )
     fixed = [name for name, value in given(options, (*_OWN, "vary", "set")).items() if value != []]
     if fixed:
         raise InputError(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from .._output import Record, records_table, write_json
-from ..description.catalogue import catalogue, catalogue_entry
+from ..description.catalogue import catalogue
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
 from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo
@@ -34,7 +34,7 @@ def zoo(options: Namespace) -> int:
     task = options.task or POSITION
     least = 6 if task == POSE else 0  # position and orientation
     fit = [name for name, entry in catalogue().items() if entry.joints >= least]
-    names = [catalogue_entry(name).name for name in options.robots or fit]
+    names = options.robots or fit
     folder = out_folder(options, "zoo", [TABLE])
     coming = run_zoo(names, options.processes, task)
     rows: list[Record] = []
@@ -51,12 +51,13 @@ def zoo(options: Namespace) -> int:
 
 def zoo_table(rows: Sequence[Record]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
+    degrees = DISPLAYS["rad"].scale
     columns = {
         "radius [m]": ("radius", 1.0, 3),
         "unadapted [mm]": ("unadapted", 1e3, 3),
         "adapted [mm]": ("adapted", 1e3, 3),
-        "unadapted [deg]": ("unadapted_angle", DISPLAYS["rad"].scale, 3),
-        "adapted [deg]": ("adapted_angle", DISPLAYS["rad"].scale, 3),
+        "unadapted [deg]": ("unadapted_angle", degrees, 3),
+        "adapted [deg]": ("adapted_angle", degrees, 3),
         "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
         "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
     }

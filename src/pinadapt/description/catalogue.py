@@ -66,8 +66,10 @@ class CatalogueEntry:
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """Return the catalogue: name -> entry."""
-    rows = read_toml(robots_folder() / "catalogue.toml")
-    return {name: CatalogueEntry(name, row.pop("frame"), **row) for name, row in rows.items()}
+    return {
+        name: CatalogueEntry(name, row.pop("frame"), **row)
+        for name, row in read_toml(robots_folder() / "catalogue.toml").items()
+    }
 
 
 def catalogue_entry(name: str) -> CatalogueEntry:
@@ -107,12 +109,15 @@ def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
     model = urdf.model(*[pin.JointModelFreeFlyer()] if kind.free_flyer else ())
     if hasattr(kind, "freeflyer_ori"):
         model.jointPlacements[1].rotation = kind.freeflyer_ori
-    if not kind.srdf_filename:
-        return urdf, model, pin.neutral(model)
-    srdf = str(_folder(kind) / kind.srdf_subpath / kind.srdf_filename)
-    pose = _loaders().readParamsFromSrdf(
-        model, srdf, False, kind.has_rotor_parameters, kind.ref_posture
-    )
+    pose = pin.neutral(model)
+    if kind.srdf_filename:
+        pose = _loaders().readParamsFromSrdf(
+            model,
+            str(_folder(kind) / kind.srdf_subpath / kind.srdf_filename),
+            False,
+            kind.has_rotor_parameters,
+            kind.ref_posture,
+        )
     return urdf, model, pose
 
 

@@ -33,7 +33,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     for kind in (pin.FrameType.BODY, *pin.FrameType.values.values()):
         if model.existFrame(name, kind):
             return int(model.getFrameId(name, kind))
-    names = [str(frame.name) for frame in model.frames if frame.type in ENDS]
+    names = [frame.name for frame in model.frames if frame.type in ENDS]
     raise RobotError(
         f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}", where="frame"
     )
@@ -41,12 +41,11 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
     """Return the names of the links that a joint moves, or the joint's own name if none."""
-    links = [
-        str(frame.name)
+    return [
+        frame.name
         for frame in model.frames
         if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
-    ]
-    return links or [str(model.names[joint])]
+    ] or [model.names[joint]]
 
 
 def massless_joints(model: pin.Model) -> list[int]:
@@ -82,7 +81,7 @@ def check_physical(body: pin.Inertia, link: str, where: str) -> None:
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
     """Return the indices of the joints from the base to a frame, in this order; no free-flyer."""
-    joints = list(model.supports[model.frames[frame].parentJoint])[1:]
+    _, *joints = model.supports[model.frames[frame].parentJoint]
     return [joint for joint in joints if not is_free_flyer(model.joints[joint])]
 
 
@@ -131,7 +130,7 @@ def reduced(
     model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
 ) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
     """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes."""
-    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
+    lock = [joint for joint in range(1, model.njoints) if joint not in keep]
     chain, geometries = pin.buildReducedModel(
         with_unique_names(model), list(shapes), lock, q_reference
     )
@@ -168,10 +167,9 @@ def position_limits(model: pin.Model) -> Bounds:
 
 def _stated_limits(model: pin.Model) -> Bounds:
     """Return lower and upper limits of the description; NaN for joints of two coordinates."""
-    first = list(model.idx_qs)[1:]
-    turns = np.array(list(model.nqs)[1:]) > 1
+    turns = np.array(model.nqs[1:]) > 1
     stated = np.array([model.lowerPositionLimit, model.upperPositionLimit])
-    return np.where(turns, np.nan, stated[:, first])
+    return np.where(turns, np.nan, stated[:, model.idx_qs[1:]])
 
 
 def position_bounds(model: pin.Model) -> Bounds:
@@ -206,7 +204,7 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
         frame: index of the frame.
         joints: of the chain, from the base; None: all of the model.
     """
-    own = list(range(1, model.njoints)) if joints is None else list(joints)
+    own = range(1, model.njoints) if joints is None else joints
     slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
     strokes = np.ptp(position_bounds(model)[:, slides], axis=0)
     limited = np.isfinite(position_limits(model)[0, slides])
@@ -230,7 +228,7 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     """
     slides = _slides(model)
     stroke = np.where(slides, np.abs(position_limits(model)).max(axis=0), 0.0)
-    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    placements = [*model.jointPlacements[2:], model.frames[frame].placement]
     steps = [place.translation for place in placements]
     linear = np.ones(model.nv)
     for i in np.flatnonzero(~slides).tolist():
@@ -250,8 +248,9 @@ def check_numbers(model: pin.Model) -> None:
         RobotError: a placement, inertia or gravity that is not finite or too large, or a negative
             mass; the joint is named.
     """
-    rows = zip(model.names, model.jointPlacements, model.inertias, strict=True)
-    for name, placement, body in rows:
+    for name, placement, body in zip(
+        model.names, model.jointPlacements, model.inertias, strict=True
+    ):
         numbers = [*placement.homogeneous.flat, *body.toDynamicParameters(), *model.gravity.linear]
         if not (np.abs(numbers) <= LARGEST).all() or body.mass < 0.0:  # the first also for NaN
             raise RobotError(
@@ -288,7 +287,7 @@ def is_independent(model: pin.Model, joint: int, mimics: Collection[str]) -> boo
     part = model.joints[joint]
     kind = part.shortname().removeprefix("JointModel")
     follows = model.names[joint] in mimics or "Mimic" in kind
-    return part.nv == 1 and kind[0] in "RP" and not follows
+    return not follows and part.nv == 1 and kind[0] in "RP"
 
 
 def check_position_limits(model: pin.Model) -> None:

@@ -90,25 +90,30 @@ def describe(
         )
     elif is_path(source):
         found = _from_file(Path(source).expanduser(), arguments)
-    elif source not in catalogue() and is_description_name(str(source)):
-        path, own, packages = named_description(str(source))
-        found = replace(_from_file(path, {**own, **arguments}, packages), name=str(source))
-    elif xacro:
-        raise RobotError(f"'{source}' is not a xacro file; it takes no arguments.", where="xacro")
-    elif source not in catalogue() and source in whole_names():
-        found = _whole_robot(str(source))
     else:
-        found = _from_catalogue(str(source))
+        found = _from_name(str(source), arguments)
     check_numbers(found.model)
     if mass is None:
         return found
     return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
 
 
+def _from_name(name: str, arguments: XacroArguments) -> Description:
+    """Return a robot of robot_descriptions, of example-robot-data or of the catalogue."""
+    if is_description_name(name):
+        path, own, packages = named_description(name)
+        return replace(_from_file(path, {**own, **arguments}, packages), name=name)
+    if arguments:
+        raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
+    if name not in catalogue() and name in whole_names():
+        return _whole_robot(name)
+    return _from_catalogue(name)
+
+
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
     model = getattr(source, "model", source)
     for joint in range(2, model.njoints):
-        if model.parents[joint] not in list(model.supports[joint - 1]):
+        if model.parents[joint] not in model.supports[joint - 1]:
             raise RobotError(
                 f"joint '{model.names[joint]}' comes after those of another branch, for which "
                 "Pinocchio's mass matrix is wrong.",
@@ -119,8 +124,7 @@ def _from_object(source: pin.Model | RobotWrapper) -> Description:
         pin.GeometryType.VISUAL: getattr(source, "visual_model", None),
         pin.GeometryType.COLLISION: getattr(source, "collision_model", None),
     }
-    q_reference = getattr(source, "q0", pin.neutral(model))
-    return Description(str(model.name), model, shapes.get, q_reference)
+    return Description(model.name, model, shapes.get, getattr(source, "q0", pin.neutral(model)))
 
 
 def _from_file(
@@ -137,33 +141,47 @@ def _from_file(
     else:
         file = own["urdf"] = Urdf.read(path, xacro, packages)
         model = file.model()
-    shapes = partial(file.geometry, model)
-    return Description(str(model.name), model, shapes, keyframe(model), file.mimics, **own)
+    return Description(
+        model.name, model, partial(file.geometry, model), keyframe(model), file.mimics, **own
+    )
 
 
 def _whole_robot(name: str) -> Description:
     """Return a whole robot of example-robot-data, by the name of its loader."""
     urdf, model, q_reference = whole_robot(name)
-    shapes = partial(whole_geometry, name)
-    return Description(name, model.copy(), shapes, q_reference.copy(), urdf.mimics, urdf=urdf)
+    return Description(
+        name,
+        model.copy(),
+        partial(whole_geometry, name),
+        q_reference.copy(),
+        urdf.mimics,
+        urdf=urdf,
+    )
 
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    own = None if entry.urdf is None else robots_folder() / entry.urdf
-    whole = _whole_robot(entry.origin) if own is None else _from_file(own)
+    if entry.urdf is None:
+        whole = _whole_robot(entry.origin)
+    else:
+        whole = _from_file(robots_folder() / entry.urdf)
     model = whole.model
-    q_reference = whole.q_reference
     if entry.tip is not None:
         index = frame_id(model, entry.link)
         link = model.frames[index]
-        place = link.placement * pin.SE3(np.eye(3), np.array(entry.tip))
-        kind = pin.FrameType.OP_FRAME
-        model.addFrame(pin.Frame(entry.frame, link.parentJoint, index, place, kind))
+        model.addFrame(
+            pin.Frame(
+                entry.frame,
+                link.parentJoint,
+                index,
+                link.placement * pin.SE3(np.eye(3), np.array(entry.tip)),
+                pin.FrameType.OP_FRAME,
+            )
+        )
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
-        q_reference[part.idx_q : part.idx_q + part.nq] = (
+        whole.q_reference[part.idx_q : part.idx_q + part.nq] = (
             angle if part.nq == 1 else [np.cos(angle), np.sin(angle)]
         )
     return replace(
@@ -171,7 +189,7 @@ def _from_catalogue(name: str) -> Description:
         name=entry.name,
         frame=entry.frame,
         task=entry.task,
-        locked=tuple(str(model.names[joint]) for joint in before),
+        locked=tuple(model.names[joint] for joint in before),
     )
 
 
@@ -215,5 +233,8 @@ def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, 
             f"the package robot_descriptions has no '{name}'.{did_you_mean(name, known)}",
             where="source",
         )
-    arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
-    return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})
+    return (
+        Path(path),
+        {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {}),
+        getattr(module, "XACRO_PACKAGE_PATHS", {}),
+    )

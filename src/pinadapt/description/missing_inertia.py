@@ -68,7 +68,7 @@ def with_inertias(
                 placed[joint] += part.placement.act(solid)
         solids |= placed
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
-    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
+    radius = _SLENDER * max(map(np.linalg.norm, ends.values()))
     rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
     bodies = solids | rods
     density = (mass - described) / sum(body.mass for body in bodies.values())
@@ -131,15 +131,16 @@ def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     volume = 0.0 if shape is None else shape.computeVolume()
     if not 0.0 < volume < np.inf:
         return None
-    moments = np.asarray(shape.computeMomentofInertiaRelatedToCOM())
-    return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
+    return pin.Inertia(volume, shape.computeCOM(), shape.computeMomentofInertiaRelatedToCOM())
 
 
 def _furthest(model: pin.Model, joint: int) -> np.ndarray:
     """Return the position (3) [m] of the joint or frame on a body furthest from its joint."""
-    fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
-    carried = [model.jointPlacements[child].translation for child in model.children[joint]]
-    return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
+    places = [f.placement for f in model.frames if f.parentJoint == joint]
+    places += [model.jointPlacements[child] for child in model.children[joint]]
+    return np.array(
+        max([np.zeros(3), *(place.translation for place in places)], key=np.linalg.norm)
+    )
 
 
 def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
@@ -147,6 +148,7 @@ def _rod(end: np.ndarray, radius: float) -> pin.Inertia:
     length = np.linalg.norm(end)
     if length <= radius:
         return pin.Inertia.FromSphere(4.0 / 3.0 * np.pi * radius**3, radius)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
-    rod = pin.Inertia.FromCylinder(np.pi * radius**2 * length, radius, length)
-    return pin.SE3(turn, 0.5 * end).act(rod)
+    turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], end / length).matrix()
+    return pin.SE3(turn, 0.5 * end).act(
+        pin.Inertia.FromCylinder(np.pi * radius**2 * length, radius, length)
+    )

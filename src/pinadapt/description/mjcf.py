@@ -108,7 +108,7 @@ class Mjcf:
     def passive(self, model: pin.Model) -> tuple[str, ...]:
         """Return the joints that no actuator moves; none if the file has no actuators of joints."""
         driven = _driven(self.root, self.mimics)
-        names = map(str, model.names[1:] if driven else ())
+        names = model.names[1:] if driven else ()
         return tuple(name for name in names if name not in driven)
 
     def model(self) -> pin.Model:
@@ -138,8 +138,14 @@ class Mjcf:
             ]
             for name, body, at in zip(names, bodies, _meeting(loop, data, *bodies), strict=False):
                 carrier = model.frames[body]
-                place, kind = carrier.placement * at, pin.FrameType.SENSOR  # no end of a chain
-                model.addFrame(pin.Frame(name, carrier.parentJoint, body, place, kind), False)
+                frame = pin.Frame(
+                    name,
+                    carrier.parentJoint,
+                    body,
+                    carrier.placement * at,
+                    pin.FrameType.SENSOR,  # no end of a chain
+                )
+                model.addFrame(frame, False)
         return model
 
     def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
@@ -193,8 +199,7 @@ def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple
     """Return where a loop is closed in its bodies' frames a and b, placed as at "qpos0"."""
     between = data.oMf[a].actInv(data.oMf[b])
     if loop.tag == "connect":
-        anchor = np.array(loop.get("anchor", "0 0 0").split(), dtype=float)
-        at = pin.SE3(np.eye(3), anchor)
+        at = pin.SE3(np.eye(3), np.array(loop.get("anchor", "0 0 0").split(), dtype=float))
         return at, between.actInv(at)
     pose = np.array(loop.get("relpose", "0 1 0 0 0 0 0").split(), dtype=float)
     w, *xyz = pose[3:]
@@ -212,12 +217,12 @@ def mjcf_text(robot: Any) -> str:
     """
     model = robot.model
     friction = robot.friction
-    names = robot.joint_names
     root = ElementTree.Element("mujoco", model=robot.name)
-    gone = [*friction.special, *(shaft.name(names) for shaft in friction.shafts)]
-    lost = ", ".join([*gone, *map(str, robot.constraints)])
-    lost = f" Not in this file: {lost}." if lost else ""
-    root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
+    words = "The chain alone, without shapes."
+    shafts = (shaft.name(robot.joint_names) for shaft in friction.shafts)
+    if lost := ", ".join([*friction.special, *shafts, *map(str, robot.constraints)]):
+        words += f" Not in this file: {lost}."
+    root.append(first_comment(robot, words))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
     taken = {*robot.frames, "world"}
@@ -227,10 +232,17 @@ def mjcf_text(robot: Any) -> str:
     bodies = [base]
     motors = ElementTree.Element("actuator")
     columns = zip(*position_limits(model), effort_limits(model), strict=True)
-    for index, (name, (low, high, effort)) in enumerate(zip(names, columns, strict=True), 1):
-        link = free_name(links_of(model, index)[0], taken)
-        place = {"name": link, **_at(model.jointPlacements[index])}
-        body = ElementTree.SubElement(bodies[model.parents[index]], "body", place)
+    for index, (name, (low, high, effort)) in enumerate(
+        zip(robot.joint_names, columns, strict=True), 1
+    ):
+        body = ElementTree.SubElement(
+            bodies[model.parents[index]],
+            "body",
+            {
+                "name": free_name(links_of(model, index)[0], taken),
+                **_at(model.jointPlacements[index]),
+            },
+        )
         bodies.append(body)
         _write_inertia(body, model.inertias[index])
         joint = ElementTree.SubElement(
@@ -251,8 +263,9 @@ def mjcf_text(robot: Any) -> str:
             joint.set("actuatorfrcrange", digits([-effort, effort]))  # as robots are read
     for name in robot.frames:
         frame = model.frames[frame_id(model, name)]
-        site = {"name": name, **_at(frame.placement)}
-        ElementTree.SubElement(bodies[frame.parentJoint], "site", site)
+        ElementTree.SubElement(
+            bodies[frame.parentJoint], "site", {"name": name, **_at(frame.placement)}
+        )
     root.append(motors)
     ElementTree.indent(root)
     return xml_text(root) + "\n"
@@ -271,11 +284,11 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
         RobotError: the inertia is not physical.
     """
     check_physical(inertia, body.get("name", ""), "mjcf")
-    full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
+    moments = inertia.inertia
     ElementTree.SubElement(
         body,
         "inertial",
         pos=digits(inertia.lever),
         mass=digits(inertia.mass),
-        fullinertia=digits(full),
+        fullinertia=digits([*np.diag(moments), *moments[np.triu_indices(3, 1)]]),
     )

@@ -145,8 +145,11 @@ class Urdf:
         found = {}
         for joint in self.root.findall("joint[mimic]"):
             stated = child(joint, "mimic")
-            numbers = float(stated.get("multiplier", "1")), float(stated.get("offset", "0"))
-            found[joint.get("name", "")] = stated.get("joint", ""), *numbers
+            found[joint.get("name", "")] = (
+                stated.get("joint", ""),
+                float(stated.get("multiplier", "1")),
+                float(stated.get("offset", "0")),
+            )
         return found
 
     def joint_effect(self, attribute: str, joints: Collection[str]) -> dict[str, float]:
@@ -154,11 +157,11 @@ class Urdf:
 
         ``Robot.urdf`` writes those that URDF does not define, such as ``armature``.
         """
-        found = {}
-        for joint in self.root.findall(f"joint/dynamics[@{attribute}]/.."):
-            if (name := joint.get("name", "")) in joints:
-                found[name] = float(child(joint, "dynamics").get(attribute, ""))
-        return found
+        return {
+            name: float(child(joint, "dynamics").get(attribute, ""))
+            for joint in self.root.findall(f"joint/dynamics[@{attribute}]/..")
+            if (name := joint.get("name", "")) in joints
+        }
 
 
 def built_shapes(

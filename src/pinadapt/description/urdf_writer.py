@@ -66,8 +66,11 @@ class _Edited:
     def written(self) -> ElementTree.Element:
         """Write everything that differs; return the root element."""
         model = self.robot.model
-        names = self.robot.joint_names
-        own = [(index, name) for index, name in enumerate(names, 1) if name not in BASE_JOINTS]
+        own = [
+            (index, name)
+            for index, name in enumerate(self.robot.joint_names, 1)
+            if name not in BASE_JOINTS
+        ]
         for index, name in own:
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
@@ -90,8 +93,10 @@ class _Edited:
                     stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
         self.packages.find_files(self.root)
         if self.root.find("mujoco") is None and next(self.root.iter("mesh"), None) is not None:
-            extension = ElementTree.SubElement(self.root, "mujoco")  # which accepts absolute paths
-            ElementTree.SubElement(extension, "compiler", strippath="false")
+            # which accepts absolute paths
+            ElementTree.SubElement(
+                ElementTree.SubElement(self.root, "mujoco"), "compiler", strippath="false"
+            )
         return self.root
 
     def _place_tool(self, name: str) -> None:
@@ -201,8 +206,9 @@ def _skeleton(robot: Any) -> Origin:
         ElementTree.SubElement(root, "link", name=links[-1])
         joint = _joint(root, name, kind, links[model.parents[index]], links[-1])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        own = {name: digits(numbers[index - 1]) for name, numbers in limits.items()}
-        ElementTree.SubElement(joint, "limit", own)
+        ElementTree.SubElement(
+            joint, "limit", {name: digits(values[index - 1]) for name, values in limits.items()}
+        )
     for frame in robot.frames:
         carrier = links[model.frames[frame_id(model, frame)].parentJoint]
         ElementTree.SubElement(root, "link", name=frame)

@@ -60,9 +60,11 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    known = set[str]()
-    for file in (path, *map(Path, xacro.all_includes)):
-        known |= set(_ARGUMENT.findall(file.read_text(encoding="utf-8", errors="replace")))
+    known = {
+        name
+        for file in (path, *map(Path, xacro.all_includes))
+        for name in _ARGUMENT.findall(file.read_text(encoding="utf-8", errors="replace"))
+    }
     for name in words.keys() - known:
         raise RobotError(
             f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",

@@ -79,14 +79,17 @@ class Shapes:
             disabled = read_xml(Path(srdf)).iter("disable_collisions")
             allowed = {frozenset((one.get("link1", ""), one.get("link2", ""))) for one in disabled}
         if floor is not None:
-            below = coal.Halfspace(np.array([0.0, 0.0, 1.0]), floor)
+            below = coal.Halfspace(np.eye(3)[2], floor)
             geometry.addGeometryObject(pin.GeometryObject(_FLOOR, 0, 0, pin.SE3.Identity(), below))
             links.append(_FLOOR)
         joints = [shape.parentJoint for shape in geometry.geometryObjects]
-        for i, j in combinations(range(len(links)), 2):
-            if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed:
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
-        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        pairs = [
+            (i, j)
+            for i, j in combinations(range(len(links)), 2)
+            if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed
+        ]
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(*pair))
         whole = cls(robot.model, geometry, np.zeros(0))
         (distances,) = whole.distances(robot.q0[None])
         for (i, j), distance in zip(pairs, distances, strict=True):
@@ -95,8 +98,9 @@ class Shapes:
                     raise _below(links[i], distance, robot)
                 geometry.removeCollisionPair(pin.CollisionPair(i, j))
         apart = distances[distances > _TOUCHING]
-        margins = np.minimum(_APART * robot.reach, 0.5 * apart)
-        return replace(whole, margins=margins) if apart.size else None
+        if not apart.size:
+            return None
+        return replace(whole, margins=np.minimum(_APART * robot.reach, 0.5 * apart))
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
@@ -210,12 +214,12 @@ class Allowance:
         each = with_one - held  # [N m or N] for a kilogram
         if load is None:
             room = (effort - np.abs(held)) / np.maximum(np.abs(each), np.finfo(float).eps)
-            load = max(min(LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
+            load = max(min(LOAD * robot.mass, 0.5 * room.min()), 0.0)
         self.load = mass = positive(load, "load", zero=True)
         self.loaded = robot.changed(payload=Payload(mass)).model if mass else model
         needed = np.maximum(np.abs(held), np.abs(held + mass * each))
         if (needed >= effort).any():
-            j = int(np.argmax(needed / effort))
+            j = np.argmax(needed / effort)
             raise RobotError(
                 f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
                 f"{effort[j]:.3g} N m or N that a motion may use ({SHARE:.0%} of its limit), with "
@@ -227,7 +231,7 @@ class Allowance:
         plane = MountingPlane.of(model, robot.frame_id, robot.q0)
         if floor is not None and shapes is None:
             plane = replace(plane, level=max(plane.level, floor), side=1.0)
-        distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
+        (distance,) = plane.distances(model, robot.frame_id, [robot.q0])
         if distance <= 0.0 and floor is not None and shapes is None:
             raise _below(robot.frame, distance, robot)
         self.plane = plane if distance > 0.0 else None
@@ -261,8 +265,8 @@ class Allowance:
             yield 2.0 - self.shapes.distances(q) / self.shapes.margins
 
 
-def _range(robot: Robot, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest angles or displacements (n), within reach (n) of home [rad, m].
+def _range(robot: Robot, reach: np.ndarray) -> np.ndarray:
+    """Return the range (2, n) of angles or displacements, within reach (n) of home [rad, m].
 
     Raises:
         RobotError: home is outside the limits.
@@ -280,4 +284,4 @@ def _range(robot: Robot, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))
-    return np.maximum(low, home - reach), np.minimum(high, home + reach)
+    return np.clip([low, high], home - reach, home + reach)

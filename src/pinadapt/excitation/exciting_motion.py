@@ -93,8 +93,7 @@ def excite(
     duration = positive(duration, "duration", error=InputError)
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
-    shapes = Shapes.of(robot, srdf, level)
-    allowed = Allowance(robot, excursion, load, shapes, level)
+    allowed = Allowance(robot, excursion, load, Shapes.of(robot, srdf, level), level)
     coarse, fine = (
         _Search(dynamics, allowed, RestToRest(harmonics, duration, count * harmonics))
         for count in (_PER_HARMONIC, _FINE)
@@ -182,15 +181,16 @@ class _Search:
     def information(self, states: States) -> Information:
         """Return the information of a motion's states, one measurement in each block of time."""
         W = self._regressors(states)
-        rows = self.basis.period / BLOCK
-        own = self._dynamics
-        noise = self._noise * np.sqrt(len(W) / rows)
-        return Information.of_rows(own.names, own.initial, W, 0.0 * W[:, :, 0], noise)
+        noise = self._noise * np.sqrt(len(W) / (self.basis.period / BLOCK))
+        return Information.of_rows(
+            self._dynamics.names, self._dynamics.initial, W, 0.0 * W[:, :, 0], noise
+        )
 
     def _regressors(self, states: States) -> np.ndarray:
         """Return the regressors Y (N, n, p) of the torques."""
-        own = self._dynamics
-        return np.array([own.regressor(*state) for state in zip(*states[1:], strict=True)])
+        return np.array(
+            [self._dynamics.regressor(*state) for state in zip(*states[1:], strict=True)]
+        )
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
         """Return the coefficients of largest gain, nearly within the allowance."""
@@ -227,14 +227,16 @@ class _Search:
         Raises:
             RobotError: no factor does.
         """
-        kept = self._allowed.kept
-        low = 0.0
-        high = 1.0
-        if kept(self.states(theta)):
+
+        def kept(factor: float) -> bool:
+            return self._allowed.kept(self.states(factor * theta))
+
+        if kept(1.0):
             return theta
-        for _ in range(20):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if kept(self.states(middle * theta)) else (low, middle)
+        low = 0.0
+        for k in range(1, 21):
+            if kept(low + 0.5**k):
+                low += 0.5**k
         if not low:
             raise RobotError(
                 "no motion from home keeps the limits.",
@@ -259,7 +261,7 @@ class _Search:
         beyond = _PENALTY / count * np.sum(self._allowed.excess(states) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = ((beyond[1:] - beyond[0] - changes) / _STEP).reshape(3, n, count)
-        return float(beyond[0].sum()) - gain, (slopes @ self.basis.rows).sum(axis=0)
+        return beyond[0].sum() - gain, (slopes @ self.basis.rows).sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,19 +292,21 @@ class ExcitingMotion(Printed):
 
     def reference(self) -> dict[str, Any]:
         """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
-        series = self.trajectory  # to eight decimals, 10 nm
-        parts = {
-            name: getattr(series, name).round(8).tolist() for name in ("center", "cosine", "sine")
+        return {
+            "kind": "fourier",
+            **{  # to eight decimals, 10 nm
+                name: getattr(self.trajectory, name).round(8).tolist()
+                for name in ("center", "cosine", "sine")
+            },
+            "period": self.trajectory.period,
         }
-        return {"kind": "fourier", **parts, "period": series.period}
 
     def report(self) -> Report:
         """Return tables of limits and of parameters."""
         limits = self.limits
-        found = self.information
         rows = [
             ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),
-            ("parameters", f"{identifiable(found)}, {self.identifiable} by any motion"),
+            ("parameters", f"{identifiable(self.information)}, {self.identifiable} by any motion"),
             ("efforts", f"with and without a load of {limits.load:.3g} kg"),
             ("distance", f"{limits.apart:.3g} m between two bodies"),
         ]
@@ -311,7 +315,7 @@ class ExcitingMotion(Printed):
             note += " Nor are those with itself: the description has no collision geometry."
         return Report(
             "Exciting motion",
-            [Table(rows), limits.table(), parameter_table(found, self.units)],
+            [Table(rows), limits.table(), parameter_table(self.information, self.units)],
             note,
         )
 
@@ -344,12 +348,11 @@ class LimitUse:
         lower, upper = position_limits(robot.model)
         with np.errstate(invalid="ignore"):  # of joints without limits
             position = np.abs(2.0 * states.angles - lower - upper).max(axis=0) / (upper - lower)
-        efforts = np.abs(allowed.torques(states)).max(axis=(0, 1))
         return cls(
             tuple(robot.joint_names),
             np.nan_to_num(position),
             np.abs(states.v).max(axis=0) / velocity_limits(robot.model),
-            efforts / effort_limits(robot.model),
+            np.abs(allowed.torques(states)).max(axis=(0, 1)) / effort_limits(robot.model),
             allowed.load,
             np.inf if allowed.shapes is None else float(allowed.shapes.distances(states.q).min()),
         )
@@ -389,8 +392,9 @@ class RestToRest:
         w = 2.0 * np.pi / period * k
         c = np.cos(np.outer(times, w))
         s = np.sin(np.outer(times, w))
-        rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
-        self.rows = np.array([np.hstack(row) for row in rows]) @ self._free
+        cosines = [c - 1.0, -w * s, -w * w * c]
+        sines = [s, w * c, -w * w * s]
+        self.rows = np.concatenate([cosines, sines], axis=2) @ self._free
 
     def series(self, start: np.ndarray, theta: np.ndarray) -> FourierSeries:
         """Return the motion for theta (n, size) from a start (n)."""

@@ -414,10 +414,9 @@ class _Unknown(NamedTuple):
         Raises:
             InputError: an unknown word, or none.
         """
-        known = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names]
         model = robot.model
         for given in words:
-            word(given, known, "unknown")
+            word(given, [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], "unknown")
         found = []
         labels = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
         turn, shift = _ANYWHERE
@@ -427,21 +426,25 @@ class _Unknown(NamedTuple):
             prior = np.repeat([SHIFT * robot.reach, TURN], 3)
             prior[own] *= _OFFSET
             if tracked := joint == FIRST and base is not None:
-                turned = base.rotation @ model.jointPlacements[FIRST].rotation
-                axes = np.kron(np.eye(2), turned).T
+                axes = np.kron(np.eye(2), base.rotation @ model.jointPlacements[FIRST].rotation).T
                 own = -1
                 name = TRACKER
                 prior = vague
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
             for k, label in enumerate(labels):
                 if whole or (k == own and OFFSETS in words):
-                    full = f"{name}.{_OWN if k == own else label}"
-                    along = not tracked and k % 3 == own % 3
-                    found.append((full, joint, axes[:, k], prior[k], along))
+                    found.append(
+                        (
+                            f"{name}.{_OWN if k == own else label}",
+                            joint,
+                            axes[:, k],
+                            prior[k],
+                            not tracked and k % 3 == own % 3,
+                        )
+                    )
         if TOOL in words:  # a position does not show how a tool is turned
-            for k in range(task.size):
-                name = f"{TOOL}.{labels[k]}"
-                found.append((name, model.njoints, np.eye(6)[k], vague[k], False))
+            for k, label in enumerate(labels[: task.size]):
+                found.append((f"{TOOL}.{label}", model.njoints, np.eye(6)[k], vague[k], False))
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
@@ -469,14 +472,14 @@ class _Geometry:
         self.unknown = unknown
         self.model = robot.model.copy()
         move_base(self.model, base)
-        self._data = self.model.createData()
 
     def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
         """Yield the mask (p) of each placement's parameters, and views of it in both models."""
         for joint in np.unique(self.unknown.joints).tolist():
             of = None if joint == model.njoints else joint
-            frame = self.described.frame_id
-            now, other = (placement_of(one, frame, of) for one in (self.model, model))
+            now, other = (
+                placement_of(one, self.described.frame_id, of) for one in (self.model, model)
+            )
             yield self.unknown.joints == joint, now, other
 
     def move(self, step: np.ndarray) -> None:
@@ -520,7 +523,7 @@ class _Geometry:
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
         model = self.model
-        data = self._data
+        data = model.createData()
         unknown = self.unknown
         frame = self.described.frame_id
         r = np.zeros((len(seen.q), 6))
@@ -588,9 +591,8 @@ def _fitted(
         )
         sigma = np.repeat(noise, 3)
         rows = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior))
-        left = r[kept] / sigma
         squared = np.linalg.svd(rows, compute_uv=False) ** 2
-        rank = float(np.sum(squared / (1.0 + squared)))
+        rank = np.sum(squared / (1.0 + squared))
         if _LEAST * rank > len(rows):
             raise LogError(
                 f"{len(rows) // m} frames of {m} numbers are too few for {rank:.0f} combinations "
@@ -600,7 +602,7 @@ def _fitted(
                 "unknowns.",
             )
         share = 1.0 if known is not None else math.sqrt(1.0 - rank / len(rows))  # not explained
-        return kept, share * rows, share * left.ravel(), noise / share
+        return kept, share * rows, share * (r[kept] / sigma).ravel(), noise / share
 
     gauss_newton(
         lambda: (*fit()[1:3], -geometry.value() / prior),

@@ -282,15 +282,19 @@ class Estimator:
                 self.robot = with_shafts(self.robot, max(robot.model.nv - 2, 0))
                 tried = [part.name(robot.joint_names) for part in self.robot.friction.shafts]
             ones = np.ones(robot.model.nv)
-            friction = replace(self.robot.friction, breakaway=ones, fading=FADING * ones)
-            self.robot = replace(self.robot, friction=friction)
+            self.robot = replace(
+                self.robot,
+                friction=replace(self.robot.friction, breakaway=ones, fading=FADING * ones),
+            )
         rubbing = [robot.joint_names[j] for j in self._near]
         self.dynamics = dynamics = nominal_dynamics(self.robot, chosen, ())
         own = physical_set(dynamics, self.robot)
         size = dynamics.inertial.size
         self._own = PER_BODY * bodies.index(carrier) + np.arange(PER_BODY)
-        dry = [dynamics.names.index(f"{name}.{kind}") for name in rubbing for kind in _DRY]
-        self._dry = np.array(dry, dtype=int).reshape(-1, len(_DRY))
+        self._dry = np.array(
+            [[dynamics.names.index(f"{name}.{kind}") for kind in _DRY] for name in rubbing],
+            dtype=int,
+        ).reshape(-1, len(_DRY))
         # gears rub under the load, too; constraints would mix their shares
         carried = dynamics.size + self._dry.size
         self._fading = np.arange(dynamics.size, carried).reshape(self._dry.shape)
@@ -344,10 +348,10 @@ class Estimator:
         found[:, self._columns] = True
         self._places = [np.flatnonzero(one) for one in found[:, self._order]]
         # under constraints fewer equations than joints are independent
-        free, _ = self._constraints.free(robot.q0, np.zeros(robot.model.nv))
-        self._repeated = float(np.sqrt(robot.model.nv / np.trace(free)))
-        # what a state has learned at first
         none = np.zeros(robot.model.nv)
+        free, _ = self._constraints.free(robot.q0, none)
+        self._repeated = np.sqrt(robot.model.nv / np.trace(free))
+        # what a state has learned at first
         e = len(self._order)
         self._nothing: dict[str, Any] = {
             "products": tuple(np.zeros((len(at), len(at))) for at in self._places),
@@ -359,8 +363,7 @@ class Estimator:
             "pending": (),
             "prediction": None,
         }
-        count = max(round(_SMOOTH / period), 2) if flag(smooth, "smooth") else 0
-        self._count = 2 * count + 1
+        self._count = 2 * max(round(_SMOOTH / period), 2) + 1 if flag(smooth, "smooth") else 1
 
     def init(self, measurement: Measurement) -> EstimatorState:
         """Return the state at the first sample.
@@ -502,10 +505,9 @@ class Estimator:
     def _rows(self, measurement: Measurement, stands: np.ndarray | None = None) -> _Rows:
         """Return the equations at a sample."""
         robot = self.robot
-        n = self.robot.model.nv
         t, q, v, *_, tau, _ = measurement
         Y_M, Y_0, p_0, tau_0 = self.dynamics.momentum(q, v)
-        M, F = np.zeros((2, n, self._columns + 3))
+        M, F = np.zeros((2, len(v), self._columns + 3))
         size = self.dynamics.size
         M[:, :size], M[:, -3], F[:, :size], F[:, -3] = Y_M, p_0, Y_0, tau_0
         F[:, -2], F[:, -1] = tau, np.abs(v) < robot.friction.threshold
@@ -542,10 +544,12 @@ class Estimator:
 
     def _add(self, state: EstimatorState, windows: Sequence[np.ndarray]) -> EstimatorState:
         """Return the state that learned from windows."""
-        each = zip(state.products, self._each(windows), strict=True)
         total, present, _ = state.accepted
         state = state._replace(
-            products=tuple(old + rows.T @ rows for old, rows in each),
+            products=tuple(
+                old + rows.T @ rows
+                for old, rows in zip(state.products, self._each(windows), strict=True)
+            ),
             level=sum((one[:, -1] ** 2 for one in windows), state.level),
             accepted=(total + len(windows), present + len(windows), 0),
             recent=(*state.recent, *windows)[-_RECENT:],
@@ -558,8 +562,6 @@ class Estimator:
 
     def _begin_load(self, state: EstimatorState, load: np.ndarray | None) -> EstimatorState:
         """Return the state with another load, of which nothing but its prior is known."""
-        past = state.past
-        left = state.left
         if state.accepted[1]:
             prediction = state.prediction or self._predict(state)
             at = self._loaded
@@ -572,12 +574,11 @@ class Estimator:
                 M += known.T @ known
                 M -= M[:, at] @ np.linalg.solve(M[at][:, at], M[at])
             M[at], M[:, at] = 0.0, 0.0
-            past = past + M
-            left = left + self._squares(state, prediction.a)
+            state = state._replace(
+                past=state.past + M, left=state.left + self._squares(state, prediction.a)
+            )
         state = state._replace(
             products=self._nothing["products"],
-            past=past,
-            left=left,
             accepted=(state.accepted[0], 0, 0),
             recent=(),
             pending=(),
@@ -650,8 +651,8 @@ class Estimator:
     def _squares(self, state: EstimatorState, a: np.ndarray) -> np.ndarray:
         """Return the sum (n) of the squared residuals of windows with the present load."""
         w = self._weights(state, a)
-        each = zip(self._places, state.products, strict=True)
-        return np.maximum([w[at] @ one @ w[at] for at, one in each], 0.0)
+        found = [w[at] @ M @ w[at] for at, M in zip(self._places, state.products, strict=True)]
+        return np.maximum(found, 0.0)
 
     def _noise(self, state: EstimatorState, a: np.ndarray, fitted: float) -> np.ndarray:
         """Return the noise (n) of windows at parameters (p), ``fitted`` of which they determine."""
@@ -668,8 +669,9 @@ class Estimator:
         if len(state.recent) < _EVERY:
             return noise * np.sqrt(OVERLAP) * self._repeated
         w = self._weights(state, a)
-        each = zip(self._each(state.recent), self._places, strict=True)
-        left = np.column_stack([rows @ w[at] for rows, at in each])
+        left = np.column_stack(
+            [rows @ w[at] for rows, at in zip(self._each(state.recent), self._places, strict=True)]
+        )
         return noise * self._repeated * lasting_noise(left) / (rms(left, 0) + TINY)
 
     def _predict(self, state: EstimatorState) -> _Prediction:
@@ -684,7 +686,7 @@ class Estimator:
             X = _inverse(M, T)
             a = center + T @ (X @ (X.T @ (T.T @ (M @ np.append(-center, 1.0))[:-1])))
             a = np.maximum(a, self._least)
-            fitted = len(a) - WEIGHT * float(np.sum(X**2))
+            fitted = len(a) - WEIGHT * np.sum(X**2)
         noise = self._noise(state, a, fitted)
         lasting = self._lasting(state, a, noise)
         root = T @ _inverse(self._equations(state, lasting, a), T)
@@ -709,10 +711,9 @@ class Estimator:
         instance(state, EstimatorState, "state")
         a, noise = self._fitted(state, None if near is None else near.a, [])
         if self._wrist:  # as ``identify`` chooses it
-            a_without, noise_without = self._fitted(state, a, self._wrist)
-            if np.mean((noise / noise_without) ** 2) > 1.0 - LEAST_GAIN:
-                a = a_without
-                noise = noise_without
+            without = self._fitted(state, a, self._wrist)
+            if np.mean((noise / without[1]) ** 2) > 1.0 - LEAST_GAIN:
+                a, noise = without
         T, _ = self._prior(state).local(a)
         root = T @ _inverse(self._equations(state, self._lasting(state, a, noise), a), T)
         load = None
@@ -769,7 +770,7 @@ class Estimator:
             q = pin.integrate(robot.model, robot.q0, step)
             Y = self.dynamics.regressor(q, 0.0 * step, -step * (2.0 * np.pi) ** 2)
             gains[j] = np.linalg.norm(Y[:, self._own] @ root[self._load] / noise[:, None])
-        return f"not enough motion yet: shake {robot.joint_names[int(gains.argmax())]}"
+        return f"not enough motion yet: shake {robot.joint_names[gains.argmax()]}"
 
 
 def _inverse(M: np.ndarray, T: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from ..information.information import CERTAIN, Information, fitted, position_row
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
 from ..models.dynamics import Dynamics
-from ..models.physical_fit import PhysicalSet, physical_fit, square
+from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.constraints import Constraints
@@ -84,8 +84,9 @@ def torque_fit(
         return torque_information(a, windows, stated, gains, gain).marginal(a.size)
     rows = np.eye(len(a))[beyond] / (_WEIGHED * nearest[beyond, None])
     stated = np.vstack([stated, np.insert(rows, len(a), 1.0 / _WEIGHED, axis=1)])
-    others = np.where(beyond, [[-np.inf], [np.inf]], bounds)
-    return torque_fit(physical, windows, stated, others, gain=gain)
+    return torque_fit(
+        physical, windows, stated, np.where(beyond, [[-np.inf], [np.inf]], bounds), gain=gain
+    )
 
 
 def torque_information(
@@ -112,12 +113,14 @@ def torque_information(
     noise = windows.repeated * np.maximum(lasting_noise(residual), noise_levels(windows.tau)[1])
     columns = (windows.tau - residual)[:, :, None] * np.eye(len(noise))[:, :n]
     W = np.concatenate([windows.W, columns], axis=2)
-    data = (W / noise[:, None]).reshape(residual.size, -1)
-    prior = np.eye(n, p + n, p) / gain
-    rows = np.vstack([data, prior, np.pad(stated[:, :-1], ((0, 0), (0, n)))])
-    off = (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)
-    y = np.concatenate([(residual / noise).ravel(), *off])
-    return Information((*windows.names, *[""] * n), np.append(a, np.ones(n)), *square(rows, y))
+    rows = [
+        (W / noise[:, None]).reshape(residual.size, -1),
+        np.eye(n, p + n, p) / gain,
+        np.pad(stated[:, :-1], ((0, 0), (0, n))),
+    ]
+    y = [(residual / noise).ravel(), (1.0 / gains - 1.0) / gain, stated @ np.append(-a, 1.0)]
+    whole = square(np.vstack(rows), np.concatenate(y))
+    return Information(windows.names, np.append(a, np.ones(n)), *whole)
 
 
 def mass_equation(dynamics: Dynamics, robot: Robot, mass: float | None) -> np.ndarray:
@@ -168,10 +171,9 @@ def bounds_of_masses(
 
 def load_fit(
     dynamics: Dynamics,
-    physical: PhysicalSet,
     both: tuple[Windows, Windows],
     robot: Robot,
-    mass: float | None = None,
+    mass: float | None,
 ) -> tuple[PayloadEstimate, Information | None]:
     """Return the load that an arm carries in one log and not in another, and the torques' gains.
 
@@ -180,7 +182,6 @@ def load_fit(
 
     Args:
         dynamics: of the arm, its last body among them.
-        physical: the set of its physical parameters.
         both: windows of the log with the load, and of that without.
         robot: as described, with its task frame.
         mass: of the load [kg], if it is known: gains are found then, and only then.
@@ -197,6 +198,7 @@ def load_fit(
     t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
     load = W[:, :, last].copy()
     load[len(both[0].t) :] = 0.0
+    physical = physical_set(dynamics, robot)
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
@@ -229,9 +231,12 @@ def load_fit(
             gains = gains * step.estimate[-len(gains) :]
             own = windows.over(gains)
             found = torque_fit(whole, own, stated, gain=GAIN)
-        words = tuple(f"{name}.gain" for name in robot.joint_names)
-        R = np.diag(1.0 / step.deviations[-len(gains) :])
-        known = Information(words, gains, R, 0.0 * gains)
+        known = Information(
+            tuple(f"{name}.gain" for name in robot.joint_names),
+            gains,
+            np.diag(1.0 / step.deviations[-len(gains) :]),
+            0.0 * gains,
+        )
     found = found.marginal(PER_BODY)
     value, gradient = of_load(robot, found.estimate)
     return PayloadEstimate.of(value, found.deviation(gradient)), known
@@ -279,8 +284,8 @@ def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
     What the motion does not identify stays as described.
     """
     a = kinematics.initial
-    reach = kinematics.robot.reach
-    return fitted(windows.names, a, windows.W, windows.residual(a), reach).refined()
+    residual = windows.residual(a)
+    return fitted(windows.names, a, windows.W, residual, kinematics.robot.reach).refined()
 
 
 class Windows(NamedTuple):
@@ -323,7 +328,7 @@ class Windows(NamedTuple):
         """
         n = motion.v.shape[1]
         size = dynamics.size
-        P = np.eye(motion.v.shape[1])
+        P = np.eye(n)
         found = np.zeros((len(averages.t), n * (size + 1)))
         free = np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
@@ -343,9 +348,15 @@ class Windows(NamedTuple):
         whole = averages.whole
         rows = found.reshape(-1, n, size + 1)[whole]
         tau = averages.mean(free)[whole]
-        parts = averages.t[whole], rows[:, :, :size], tau - rows[:, :, size], tau
-        repeated = float(np.sqrt(n / np.trace(P)))
-        return cls(*parts, dynamics.names, averages.length, repeated)
+        return cls(
+            averages.t[whole],
+            rows[:, :, :size],
+            tau - rows[:, :, size],
+            tau,
+            dynamics.names,
+            averages.length,
+            np.sqrt(n / np.trace(P)),
+        )
 
     def over(self, gains: np.ndarray) -> Windows:
         """Return the windows with the torques divided by gains (n)."""

@@ -129,12 +129,12 @@ def identify(
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
         logs.append(one)
-    count = len(sources) + len(tests)
-    logs, without = in_sequence(logs[:count], _PAUSE), logs[count:]
+    without = [] if empty is None else [logs.pop()]
+    logs = in_sequence(logs, _PAUSE)
     found = joined(logs)
-    given = Unknown.of(unknown)
+    given = replace(Unknown.of(unknown), regressor="nominal")
     frames, nominal = _frames_and_task(found, described, given)
-    unknown = replace(given, regressor="nominal").with_joints()
+    unknown = given.with_joints()
     controller = _controller(nominal, unknown)
     dynamics = controller.dynamics
     kinematics = controller.kinematics
@@ -158,11 +158,11 @@ def identify(
     motion = MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
     _check_contacts(nominal, motion)
     split = float(0.25 * motion.t[0] + 0.75 * motion.t[-1])
+    learned = np.inf  # until then
     if tests:
-        split = float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
+        learned = split = float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     seen = position_windows(kinematics, motion, *frames)
-    seen_first = seen.between(last=split)
-    located = position_fit(kinematics, seen_first if tests else seen)
+    located = position_fit(kinematics, seen.between(last=learned))
     placed = nominal
     if any(part.joint not in (None, FIRST) for part in kinematics.translations):
         placed = replace(nominal, model=nominal.model.copy())
@@ -192,9 +192,12 @@ def identify(
             effects=others,
         )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
-        words = (*name_list(given.effects, "unknown.effects"), *effects.words)
-        given = replace(given, effects=words, armature=bool(given.armature))
-        unknown = replace(given, regressor="nominal").with_joints()
+        given = replace(
+            given,
+            effects=(*name_list(given.effects, "unknown.effects"), *effects.words),
+            armature=bool(given.armature),
+        )
+        unknown = given.with_joints()
         controller = _controller(nominal, unknown)
     dynamics = controller.dynamics
     model = nominal_dynamics(placed, unknown, ())
@@ -206,15 +209,13 @@ def identify(
     for one in without:
         still = motion_of_log(nominal, one)
         bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
-        part = split if tests or known_load is not None else np.inf
-        both = windows.between(last=part), bare
+        part = learned if known_load is None else split
         load_estimate, gains = load_fit(
-            model, physical_set(model, nominal), both, nominal, known_load
+            model, (windows.between(last=part), bare), nominal, known_load
         )
     if gains is not None:
         motion = motion._replace(tau=motion.tau / gains.estimate)
         windows = windows.over(gains.estimate)
-    first = windows.between(last=split)
     return Identification(
         log=found,
         motion=motion,
@@ -223,12 +224,12 @@ def identify(
         windows=windows,
         rows=seen,
         split=split,
-        dynamic=torque_fit(physical, first if tests else windows, weighed, bounds),
+        dynamic=torque_fit(physical, windows.between(last=learned), weighed, bounds),
         kinematic=located,
-        before_split=torque_fit(physical, first, weighed, bounds).estimate,
+        before_split=torque_fit(physical, windows.between(last=split), weighed, bounds).estimate,
         unknown=unknown,
         effects=effects,
-        position_before_split=position_fit(kinematics, seen_first).estimate,
+        position_before_split=position_fit(kinematics, seen.between(last=split)).estimate,
         estimator=estimator,
         online=_online(estimator, motion, split, progress),
         tested=tuple(one.source for one in logs[len(sources) :]),
@@ -251,8 +252,10 @@ def _online(
         split: time [s] from which on the motion is held out.
         progress: as of ``simulate``.
     """
-    samples = zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
-    measured = [Measurement(t, q, v, tau=tau) for t, q, v, tau in samples]
+    measured = [
+        Measurement(t, q, v, tau=tau)
+        for t, q, v, tau in zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
+    ]
     stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
     state = estimator.init(measured[0])
     last = None
@@ -279,7 +282,7 @@ def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:
         before = footing[:0] if step >= _PAUSE else footing  # of the same log
         footing, moved = constraints.footing(before, None, step)
         if moved.max() > SLIP:
-            frame = robot.contacts[int(moved.argmax())].frame
+            frame = robot.contacts[moved.argmax()].frame
             raise LogError(
                 f"the contact '{frame}' moves by {1e3 * moved.max():.3g} mm at {t:.3g} s.",
                 where="q",
@@ -307,8 +310,7 @@ def log_and_robot(source: Any, robot: Robot, import_options: ImportOptions) -> t
     added = compensation_of(robot, import_options.compensated)
     if added is None:
         return log, robot
-    missing = np.array([added(q) for q in log.configurations(robot)])
-    return replace(log, tau=log.tau + missing), robot
+    return replace(log, tau=log.tau + [added(q) for q in log.configurations(robot)]), robot
 
 
 def _frames_and_task(

@@ -34,12 +34,11 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
     Raises:
         LogError: fewer than two samples are finite.
     """
-    q = log.configurations(robot)
     tau = log.tau
     if log.held:
         around = np.pad(tau, ((2, 1), (0, 0)), mode="edge")
         tau = (9.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 16.0
-    whole = replace(log, q=q, tau=tau)
+    whole = replace(log, q=log.configurations(robot), tau=tau)
     seen = whole.sampled(whole.finite)
     if len(seen.t) < 2:
         raise LogError(

@@ -149,10 +149,14 @@ class Identification(Printed):
     @property
     def state(self) -> ControllerState:
         """The state of a controller with these estimates; see ``Controller.learned``."""
-        t = float(self.motion.t[0])
-        a_k = self.kinematic.estimate
         a_d = self.dynamic.estimate
-        return ControllerState(t, Estimate(a_d), Estimate(a_k), a_d, filters=())
+        return ControllerState(
+            float(self.motion.t[0]),
+            Estimate(a_d),
+            Estimate(self.kinematic.estimate),
+            a_d,
+            filters=(),
+        )
 
     @property
     def robot(self) -> Robot:
@@ -161,8 +165,11 @@ class Identification(Printed):
         Raises:
             ParameterError: a body is on the border of what is physical.
         """
-        learned = self.controller.learned(self.state)
-        return replace(learned, drawn=self.described.drawn, task=self.described.task)
+        return replace(
+            self.controller.learned(self.state),
+            drawn=self.described.drawn,
+            task=self.described.task,
+        )
 
     def parameters(self) -> LearnedParameters:
         """Return the estimates by name and their information, from which a controller can start."""
@@ -199,8 +206,9 @@ class Identification(Printed):
         dynamics = controller.dynamics
         if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
             return payload_of_uncertain_arm(controller, dynamics, found)
-        prior = ArmPrior.of(described_robot(controller), dynamics, 0.0)
-        return payload_estimate(controller, found, prior)
+        return payload_estimate(
+            controller, found, ArmPrior.of(described_robot(controller), dynamics, 0.0)
+        )
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion can identify, and how well."""
@@ -209,8 +217,7 @@ class Identification(Printed):
     @cached_property
     def described_parameters(self) -> np.ndarray:
         """The dynamic parameters (p_d) of the description, its friction and rotors included."""
-        controller = self.controller
-        return described_values(controller.dynamics, controller.kinematics.robot)
+        return described_values(self.controller.dynamics, self.controller.kinematics.robot)
 
     @cached_property
     def torque_errors(self) -> Errors:
@@ -307,10 +314,9 @@ class Identification(Printed):
             return f"NOT TO BE TRUSTED: {self.check.verdict}"
         if self.position_errors is not None and not self.dynamic.names:
             return f"error of held-out positions: {self.position_errors.change(1e3)} mm (rms)."
-        errors = self.torque_errors
-        gain = errors.gain or 0.0
-        words = f"error of held-out torques: {errors.change()} "
-        words += f"{self._unit} (rms), {gain:.3g} times less"
+        gain = self.torque_errors.gain or 0.0
+        words = f"error of held-out torques: {self.torque_errors.change()} {self._unit} (rms), "
+        words += f"{gain:.3g} times less"
         if self._far_off is not None:
             return (
                 f"{words}. The positions are {1e3 * self._far_off:.3g} mm off even as identified. "
@@ -341,10 +347,8 @@ class Identification(Printed):
         load = self._loaded
         if load is None:
             return False
-        lightest = -self.described.model.inertias[-1].mass
-        known = load.mass_known_to
-        heaviest = HEAVIEST * self.described.mass
-        return bool(lightest - known <= load.mass <= heaviest + known)
+        lightest = -self.described.model.inertias[-1].mass - load.mass_known_to
+        return bool(lightest <= load.mass <= HEAVIEST * self.described.mass + load.mass_known_to)
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
@@ -356,7 +360,6 @@ class Identification(Printed):
     def _record(self) -> dict[str, Any]:
         """What there is to say: text, page and ``summary.json`` follow from it."""
         log = self.log
-        effects = self.effects
         return {
             "verdict": self.verdict,
             "log": log.source,
@@ -377,7 +380,7 @@ class Identification(Printed):
             "dynamic_identifiable": self.dynamic.rank,
             "dynamic": self._rows(self.dynamic, self.described_parameters),
             "kinematic": self._rows(self.kinematic, self.controller.kinematics.initial),
-            "effects": () if effects is None else effects.gains,
+            "effects": () if self.effects is None else self.effects.gains,
             "gains": () if self.gains is None else self._rows(self.gains, self.gains.estimate**0),
             "payload": vars(self._loaded) if self._carried else None,
             "version": __version__,
@@ -490,13 +493,15 @@ class Identification(Printed):
         """
         whole = self.report(compared)
         data = b64encode(self.plot().torque.png(dpi=100)).decode()
-        parts = [
-            f"<h1>{escape(whole.title)}</h1>",
-            f'<div class="note">{escape(whole.note)}</div>',
-            *(table.html() for table in whole.tables),
-            f'<img alt="torques of each joint over time" src="data:image/png;base64,{data}">',
-        ]
-        return html_page(whole.title, parts)
+        return html_page(
+            whole.title,
+            [
+                f"<h1>{escape(whole.title)}</h1>",
+                f'<div class="note">{escape(whole.note)}</div>',
+                *(table.html() for table in whole.tables),
+                f'<img alt="torques of each joint over time" src="data:image/png;base64,{data}">',
+            ],
+        )
 
     def plot(self) -> Any:
         """Return the figures ``torque``, measured and predicted, and ``parameters``, online."""
@@ -522,7 +527,10 @@ class Identification(Printed):
             dynamic_names=self.estimator.names,
             marks=(),
         )
-        slides = self.described.slides
         with matplotlib.rc_context(RC):
-            torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, self.split)
-            return SimpleNamespace(torque=torque, parameters=parameter_figure(online))
+            return SimpleNamespace(
+                torque=prediction_figure(
+                    title, self.described.slides, windows.t, windows.tau, predicted, self.split
+                ),
+                parameters=parameter_figure(online),
+            )

@@ -79,26 +79,25 @@ class _Candidate(NamedTuple):
         coefficients: their names; of two effects with a common one, one is taken.
         columns: of its coefficients.
         fading: joint and speed of other friction near rest.
-        shaft: that two joints turn.
+        shafts: that two joints turn.
     """
 
     words: str
     coefficients: tuple[str, ...]
     columns: list[int]
     fading: tuple[int, float] | None = None
-    shaft: Shaft | None = None
+    shafts: tuple[Shaft, ...] = ()
 
 
 def with_shafts(robot: Robot, first: int = 0) -> Robot:
     """Return a robot with all shafts that two neighbouring joints may turn, from a joint on."""
     slides = list(robot.slides.values())
-    friction = robot.friction
     shafts = tuple(
-        Shaft((j, j + 1), turn, threshold=float(friction.threshold[j]))
+        Shaft((j, j + 1), turn, threshold=float(robot.friction.threshold[j]))
         for j, turn in product(range(first, len(slides) - 1), (1, -1))
         if slides[j] == slides[j + 1] and robot.model.parents[j + 2] == j + 1
     )
-    return replace(robot, friction=replace(friction, shafts=shafts))
+    return replace(robot, friction=replace(robot.friction, shafts=shafts))
 
 
 def choose_effects(
@@ -133,8 +132,8 @@ def choose_effects(
         for fading in _FADINGS
     ]
     y = windows.y - bodies @ physical.center
-    parts = [bodies @ physical.local(physical.center)[0], windows.W[:, :, size:], *near]
-    X = np.concatenate([*parts, y[:, :, None]], axis=2)
+    local = bodies @ physical.local(physical.center)[0]
+    X = np.concatenate([local, windows.W[:, :, size:], *near, y[:, :, None]], axis=2)
     # products of all columns, by block of time and joint; no window is in two blocks
     edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
     blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
@@ -144,8 +143,11 @@ def choose_effects(
     (noise, least), names = noise_levels(windows.tau), robot.joint_names
     plain = [dynamics.names.index(f"{name}.{kind}") for kind in _PLAIN for name in names]
     index = np.array([*range(size), *plain])
-    candidates = _candidates(robot, dynamics)
-    open_ = [one for one in candidates if (armature if len(one.coefficients) > 1 else effects)]
+    open_ = [
+        one
+        for one in _candidates(robot, dynamics)
+        if (armature if len(one.coefficients) > 1 else effects)
+    ]
     friction = robot.friction
     words = list[str]()
     gains = list[Gain]()
@@ -158,7 +160,7 @@ def choose_effects(
         found = []
         for one in open_:
             whole = np.append(index, one.columns)
-            if one.shaft and (_fitted(H.sum(axis=0), prior, whole)[one.columns] > 0.0).any():
+            if one.shafts and (_fitted(H.sum(axis=0), prior, whole)[one.columns] > 0.0).any():
                 continue  # with negative friction or a negative rotor it is something else
             after = _held_out(H, prior, whole) / rows
             shares = (before - after) / before.mean()
@@ -172,8 +174,7 @@ def choose_effects(
         gains.append(gain)
         index = np.append(index, best.columns)
         open_ = [one for one in open_ if not set(best.coefficients) & set(one.coefficients)]
-        if best.shaft is not None:
-            friction = replace(friction, shafts=(*friction.shafts, best.shaft))
+        friction = replace(friction, shafts=(*friction.shafts, *best.shafts))
         if best.fading is None:
             words += best.coefficients
         else:
@@ -188,7 +189,7 @@ def choose_effects(
 
 def _candidates(robot: Robot, dynamics: Dynamics) -> Iterator[_Candidate]:
     """Yield the effects that may be added; columns of friction near rest are the last ones."""
-    names = list(dynamics.names)
+    names = dynamics.names
     joints = robot.joint_names
     armatures = tuple(f"{name}.armature" for name in joints)
     yield _Candidate("rotor inertias of all joints", armatures, list(map(names.index, armatures)))
@@ -203,7 +204,7 @@ def _candidates(robot: Robot, dynamics: Dynamics) -> Iterator[_Candidate]:
         name = shaft.name(joints)
         columns = [names.index(f"{name}.{kind}") for kind in USUAL]
         words = f"a motor that turns with {name}"
-        yield _Candidate(words, (f"{name}.armature",), columns, shaft=shaft)
+        yield _Candidate(words, (f"{name}.armature",), columns, shafts=(shaft,))
 
 
 def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:

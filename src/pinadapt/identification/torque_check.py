@@ -177,8 +177,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
         ]
         causes = [f"{'; '.join(shown)}, and no single mistake explains that"]
     columns = (part.tolist() for part in (rms(motion.tau, 0), *plain[:5]))
-    joints = tuple(map(JointFactor, robot.joint_names, *columns))
-    return TorqueCheck(log.source, joints, tuple(causes), plain.load)
+    joints = map(JointFactor, robot.joint_names, *columns)
+    return TorqueCheck(log.source, tuple(joints), tuple(causes), plain.load)
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
@@ -252,9 +252,6 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     return _Motion(robot, *means, scale=_deviations(robot))  # type: ignore[misc]
 
 
-_OF_JOINTS = "q", "v", "a", "tau", "signs"
-
-
 class _Fit(NamedTuple):
     """A comparison of torques with described ones, arrays (n).
 
@@ -289,8 +286,9 @@ def _each(motion: _Motion, function: Any) -> np.ndarray:
     model = motion.robot.model
     data = model.createData()
     q = integrated(model, pin.neutral(model), motion.q)
-    states = zip(q, motion.v, motion.a, strict=True)
-    return np.array([function(model, data, *each).copy() for each in states])
+    return np.array(
+        [function(model, data, *each).copy() for each in zip(q, motion.v, motion.a, strict=True)]
+    )
 
 
 def _fit(motion: _Motion) -> _Fit:
@@ -306,19 +304,18 @@ def _fit(motion: _Motion) -> _Fit:
     scale = motion.scale
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
-    none = np.zeros(len(scale))
     fit = bare
     for _ in range(2):
         noise = math.sqrt(len(tau) / _WORTH) * fit.left * rms(motion.tau, 0)
         W = rows[..., :-1]
         r = rows[..., -1]
-        found = Information.of_rows([""] * none.size, none, W, r, noise, 1.0).refined()
+        found = Information.of_rows((), np.zeros(len(scale)), W, r, noise, 1.0).refined()
         x = found.estimate
         fit = _compared(motion, tau - Y @ x, d)
     loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
     mass, (deviation,) = float(scale[-PER_BODY] @ x), found.deviation(scale[[-PER_BODY]])
     mass *= abs(mass) > 2.0 * deviation  # beyond which are 5 % of loads that are none
-    fit = loaded._replace(left=fit.left, price=float(x @ x) / _WORTH, load=mass)
+    fit = loaded._replace(left=fit.left, price=x @ x / _WORTH, load=mass)
     best = min(bare, fit, key=lambda one: one.score)
     return best._replace(fits=bare.fits) if bare.fits.all() else best
 
@@ -363,9 +360,10 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
     )
     scale = np.where(list(motion.robot.slides.values()), 1.0, math.radians(1.0))
     yield "the angles are degrees; --degrees", motion.turned(scale)
-    whole = np.arange(len(names))
-    for j, name in enumerate(names):
-        sign = np.where(whole == j, -1.0, 1.0)
+    bare = _compared(motion, motion.tau, _each(motion, pin.rnea))
+    noise = bare.left * rms(motion.tau, 0)
+    for name, unit in zip(names, np.eye(len(names)), strict=True):
+        sign = 1.0 - 2.0 * unit
         yield (
             f"the torque of {name} has the wrong sign; --flip {name}",
             motion._replace(tau=motion.tau * sign),
@@ -374,14 +372,26 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
             f"the position of {name} has the wrong sign; --flip q:{name}",
             motion.turned(sign),
         )
+        off = 0.0
+        for _ in range(3):  # steps of Gauss-Newton
+            q = motion.q + off * unit
+            d, more = (_each(motion._replace(q=q + step * unit), pin.rnea) for step in (0.0, 1e-4))
+            both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
+            slope, rest = (both / noise[:, None]).T
+            off += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
+        if abs(off) >= _LEAST_ANGLE:
+            yield (
+                f"the position of {name} is off; --offset {name}={off:.3g}",
+                motion._replace(q=motion.q + off * unit),
+            )
     for i, j in combinations(range(len(names)), 2):
-        order = whole.copy()
-        order[[i, j]] = j, i
+        order = list(range(len(names)))
+        order[i], order[j] = j, i
         listed = ",".join(names[k] for k in order)
         pair = f"{names[i]} and {names[j]}"
         yield (
             f"the columns of {pair} are swapped; --joints {listed}",
-            motion._replace(**{name: getattr(motion, name)[:, order] for name in _OF_JOINTS}),
+            _Motion._make([motion.robot, *(part[:, order] for part in motion[1:6]), *motion[6:]]),
         )
         yield (
             f"the torques of {pair} are swapped; --joints tau:{listed}",
@@ -391,26 +401,11 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
         "the torque of all joints has the wrong sign; --torque-gain=-1",
         motion._replace(tau=-motion.tau),
     )
-    bare = _compared(motion, motion.tau, _each(motion, pin.rnea))
-    noise = bare.left * rms(motion.tau, 0)
-    for j, name in enumerate(names):
-        off = np.zeros(len(names))
-        for _ in range(3):  # steps of Gauss-Newton
-            near = (motion._replace(q=motion.q + off + step * (whole == j)) for step in (0.0, 1e-4))
-            d, more = (_each(one, pin.rnea) for one in near)
-            both = motion.without(np.stack([more - d, motion.tau - d], axis=2), 3)
-            slope, rest = (both / noise[:, None]).T
-            off[j] += 1e-4 * np.sum(slope * rest) / max(np.sum(slope**2), _EPS)
-        if abs(off[j]) >= _LEAST_ANGLE:
-            yield (
-                f"the position of {name} is off; --offset {name}={off[j]:.3g}",
-                motion._replace(q=motion.q + off),
-            )
     # a load raises factors, up to twice
     clear = bare.judged & (np.abs(bare.correlation) >= _CLEAR)
     factors = bare.factor[clear]
     if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1] ** 2:
-        common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
+        common = np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0])
         gains = np.where(clear, bare.factor, common)  # motors may be unlike
         yield (
             f"all torques are about {common:.2g} times the described ones, as motor currents "

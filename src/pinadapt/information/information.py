@@ -44,7 +44,7 @@ class Information:
     """Information of rows of data on p parameters, linearised at an estimate of them.
 
     Attributes:
-        names: of the parameters (p).
+        names: of the parameters (p); perhaps not of the last ones, or of none.
         estimate: (p) at which the residuals were taken.
         R: (k, p) of the information matrix R^T R = W^T S^-1 W, in 1 / (parameter unit).
         c: (k) R d = c are the equations for the step d to the least-squares estimate.
@@ -77,7 +77,7 @@ class Information:
             prior: (p) inverse variances of what was known before.
             off: (p) what was known before, less the estimate.
         """
-        p = len(names)
+        p = len(estimate)
         sizes = np.broadcast_to(noise, r.shape[1:])
         known = np.broadcast_to(np.sqrt(prior), p)
         rows = np.concatenate([(W / sizes[:, None]).reshape(r.size, p), np.diag(known)])
@@ -152,7 +152,7 @@ class Information:
     @cached_property
     def deviations(self) -> np.ndarray:
         """Uncertainty (p) of each parameter's estimate; infinite where it is not identifiable."""
-        return self.deviation(np.eye(len(self.names)))
+        return self.deviation(np.eye(len(self.estimate)))
 
 
 def dynamic_information(
@@ -244,8 +244,8 @@ def frames(
     times, first = np.unique(taken, return_index=True)
     t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
     model = kinematics.robot.model
-    m = kinematics.positions
     kept, q, v = at_times(model, t, q.reshape(-1, model.nq), times)
+    m = kinematics.positions
     return q, v, x[first][kept][:, :m] if len(x) else np.zeros((0, m))
 
 
@@ -293,7 +293,7 @@ def lateness(
     """
     prior, off = (np.append(np.broadcast_to(part, W.shape[2]), 0.0) for part in (prior, off))
     W = np.concatenate([W, -rate[..., None]], axis=2)
-    found = Information.of_rows([""] * prior.size, 0.0 * prior, W, r, noise, prior, off)
+    found = Information.of_rows((), 0.0 * prior, W, r, noise, prior, off)
     return float(found.correction[-1]), float(found.refined().deviations[-1])
 
 
@@ -361,8 +361,9 @@ class Excitation(Printed):
 
 def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
     """Return a row for each parameter: its estimate, its uncertainty, its unit."""
-    own = [units.get(name, "") for name in part.names]
-    return estimate_table(part.names, part.estimate, part.deviations, own)
+    return estimate_table(
+        part.names, part.estimate, part.deviations, [units.get(name, "") for name in part.names]
+    )
 
 
 def estimate_table(

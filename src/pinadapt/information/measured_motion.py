@@ -89,11 +89,16 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
         ]
     )
     tau = np.vstack([held, held[-1:]])
-    period = float(t[-1] - t[0]) / (len(t) - 1)
+    period = (t[-1] - t[0]) / (len(t) - 1)
     t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
-    middle = integrated(model, q[:-1], 0.5 * differences(model, q))
-    a = np.diff(v, axis=0) / period
-    return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
+    return MeasuredMotion(
+        t[:-1] + 0.5 * period,
+        integrated(model, q[:-1], 0.5 * differences(model, q)),
+        0.5 * (v[:-1] + v[1:]),
+        np.diff(v, axis=0) / period,
+        tau[:-1],
+        noisy,
+    )
 
 
 def measured_motion(
@@ -133,22 +138,22 @@ def measured_motion(
     linear = partial(make_interp_spline, k=1, check_finite=False)
     path = sosfiltfilt(low_pass, linear(t, travelled)(even), axis=0)
     v = np.gradient(path, step, axis=0)
-    parts = path, v, np.gradient(v, step, axis=0)
     settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    travelled, v, a = (linear(even, part)(t[settled]) for part in parts)
+    travelled, v, a = (
+        linear(even, part)(t[settled]) for part in (path, v, np.gradient(v, step, axis=0))
+    )
     return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
-    moved = [pin.difference(model, *ends) for ends in pairwise(q)]
-    return np.array(moved).reshape(-1, model.nv)
+    return np.array([pin.difference(model, *ends) for ends in pairwise(q)]).reshape(-1, model.nv)
 
 
 def integrated(model: pin.Model, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return the configurations (N, nq) to which others, (N, nq) or (nq), move by (N, n)."""
     starts = np.broadcast_to(q, (len(moved), model.nq))
-    found = [pin.integrate(model, start, part) for start, part in zip(starts, moved, strict=True)]
+    found = [pin.integrate(model, *each) for each in zip(starts, moved, strict=True)]
     return np.array(found).reshape(-1, model.nq)
 
 
@@ -212,8 +217,7 @@ class Averages:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
-        found = self.phi @ values.reshape(len(values), -1)
-        return found.reshape(-1, *values.shape[1:])
+        return (self.phi @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
 
 def bump(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -81,8 +81,10 @@ class PayloadEstimate(Printed):
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray]:
         """Mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
-        return np.array([self.mass, *self.com, *self.inertia]), np.array(known)
+        return (
+            np.array([self.mass, *self.com, *self.inertia]),
+            np.array([self.mass_known_to, *self.com_known_to, *self.inertia_known_to]),
+        )
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -99,9 +101,12 @@ class PayloadEstimate(Printed):
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
-        names = ("mass", "centre x", "centre y", "centre z", *LABELS[4:])
-        units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-        return estimate_table(names, *self.numbers, units, "load")
+        return estimate_table(
+            ("mass", "centre x", "centre y", "centre z", *LABELS[4:]),
+            *self.numbers,
+            ["kg", *["m"] * 3, *["kg m^2"] * 6],
+            "load",
+        )
 
 
 def payload_estimate(
@@ -274,12 +279,11 @@ class ArmPrior:
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
         change = self.change(found)
-        R = change.R
         c = change.c + change.R @ change.estimate
-        _, s, Vt = np.linalg.svd(R @ self.root)
+        _, s, Vt = np.linalg.svd(change.R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)
-        return replace(self, mean=self.mean + root @ (root.T @ (R.T @ c)), root=root)
+        return replace(self, mean=self.mean + root @ (root.T @ (change.R.T @ c)), root=root)
 
 
 def whole_arm(controller: Controller) -> Dynamics:
@@ -289,16 +293,14 @@ def whole_arm(controller: Controller) -> Dynamics:
         ParameterError: its parameters are lumped, or in a basis of the user's own.
     """
     dynamics = controller.dynamics
-    robot = described_robot(controller)
     if not dynamics.per_body:
         raise ParameterError(
             "these parameters are not those of bodies, so load and arm cannot be separated.",
             where="arm",
             hint='Adapt bodies: dynamic = "all" or "payload".',
         )
-    bodies = BodyDynamics(dynamics.bare(robot), ALL)
-    joints = dynamics.joints
-    return bodies if joints is None else StackedDynamics(bodies, joints)
+    bodies = BodyDynamics(dynamics.bare(described_robot(controller)), ALL)
+    return bodies if dynamics.joints is None else StackedDynamics(bodies, dynamics.joints)
 
 
 def whole_arm_information(

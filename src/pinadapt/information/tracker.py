@@ -79,16 +79,19 @@ class FoundTracker(Printed):
     def report(self) -> Report:
         """Return the table."""
         placement = self.tracker.placement
-        a = self.tracker.a
-        values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
+        values = np.concatenate(
+            [pin.log3(placement.rotation), placement.translation, self.tracker.a]
+        )
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
             ("frames", self.frames),
             ("rms residual", f"{self.noise:.3g} m"),
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
-        found = estimate_table(self.names, values, self.deviations, units)
-        return Report("tracker", [Table(summary), found])
+        return Report(
+            "tracker",
+            [Table(summary), estimate_table(self.names, values, self.deviations, units)],
+        )
 
 
 def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> FoundTracker:
@@ -232,7 +235,7 @@ class _Seen(NamedTuple):
             self.kinematics.update(a, q, v)
             rate = self.kinematics.xd_hat[: len(y)]
             kept.append((self.kinematics.X_k, y - self.kinematics.p_hat, rate))
-        return tuple(np.array(column) for column in zip(*kept, strict=True))
+        return tuple(map(np.array, zip(*kept, strict=True)))
 
     def noise(self, residual: np.ndarray, parameters: int) -> float:
         """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""

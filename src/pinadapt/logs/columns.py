@@ -135,11 +135,10 @@ class _Columns:
         """Return label of a joint -> column, of all columns that are called after a signal."""
         words = "|".join(map(re.escape, sorted(NAMES[signal].split(), key=len, reverse=True)))
         form = re.compile(rf"(?:{words})(?:[_./\[ ](.+?)\]?|(\d+))|(.+)[_./ ](?:{words})")
-        found = {key: form.fullmatch(key) for key in reversed(self._known)}
         return {
             next(filter(None, match.groups())): key
-            for key, match in found.items()
-            if match is not None and self._known[key].ndim == 1
+            for key, column in reversed(self._known.items())
+            if column.ndim == 1 and (match := form.fullmatch(key))
         }
 
     def _stacked(self, names: Sequence[str]) -> np.ndarray:

@@ -189,8 +189,9 @@ class ImportOptions:
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
-        v = None if log.v is None else _mapped(A, log.v)
-        return replace(log, q=_mapped(A, log.q) + offset, v=v)
+        return replace(
+            log, q=_mapped(A, log.q) + offset, v=None if log.v is None else _mapped(A, log.v)
+        )
 
     def _signs(self, names: list[str]) -> dict[str, np.ndarray]:
         """Return signal -> the sign (n) of each joint."""
@@ -226,12 +227,12 @@ class ImportOptions:
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return what is stated as TOML, below comments."""
-        stated = {}
         default = vars(ImportOptions())
-        for name, value in vars(self).items():
-            if not np.array_equal(value, default[name]):
-                plain = isinstance(value, np.ndarray | tuple)
-                stated[name] = np.asarray(value).tolist() if plain else value
+        stated = {
+            name: np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple) else value
+            for name, value in vars(self).items()
+            if not np.array_equal(value, default[name])
+        }
         return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
 
 

@@ -102,9 +102,8 @@ class Log:
         """Return times (k) [s] and coordinates (k, m) of the frames that are finite."""
         if self.x is None:
             return np.zeros(0), np.zeros((0, 0))
-        times = self.frames_time
-        finite = np.isfinite(self.x).all(axis=1) & np.isfinite(times)
-        return times[finite], self.x[finite]
+        finite = np.isfinite(self.x).all(axis=1) & np.isfinite(self.frames_time)
+        return self.frames_time[finite], self.x[finite]
 
     def of(self, robot: Robot) -> Log:
         """Return the log with the columns of a robot's joints, in its order.
@@ -145,8 +144,10 @@ class Log:
 
     def ordered(self, order: Sequence[int], signals: Sequence[str] = SIGNALS) -> Log:
         """Return the log with the columns of some signals in another order."""
-        parts = {name: part[:, order] for name, part in self.signals().items() if name in signals}
-        return replace(self, **parts)
+        return replace(
+            self,
+            **{name: part[:, order] for name, part in self.signals().items() if name in signals},
+        )
 
     def configurations(self, robot: Robot) -> np.ndarray:
         """Return q (N, nq) as Pinocchio has it; NaN where a joint was not measured."""
@@ -234,7 +235,7 @@ def check_times(log: Log) -> None:
     """
     late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
     if late.any():
-        row = int(np.argmax(late))
+        row = np.argmax(late)
         flaw = f"times must ascend; sample {row} is at {log.t[row]:.6g} s."
         hint = (
             "--repeated drop leaves out samples of repeated or earlier times; --columns t=NAME "
@@ -262,7 +263,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     check_times(log)
     for name in ("q", "tau") if torques else ("q",):
         part = getattr(log, name)
-        share = float(np.isfinite(part).mean(axis=0).min())
+        share = np.isfinite(part).mean(axis=0).min()
         if share < 0.5:
             refuse(
                 name,
@@ -292,7 +293,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         _check_velocities(log, log.v, robot)
     still = robot.motors & ~np.nan_to_num(log.tau).any(axis=0)
     if still.any():
-        name = robot.joint_names[int(still.argmax())]
+        name = robot.joint_names[still.argmax()]
         refuse(
             "tau",
             f"the torque of {name} is zero in all samples: not recorded.",
@@ -306,8 +307,7 @@ def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
     Raises:
         LogError: they disagree.
     """
-    q = log.configurations(robot)
-    rates = differences(robot.model, q) / np.diff(log.t)[:, None]
+    rates = differences(robot.model, log.configurations(robot)) / np.diff(log.t)[:, None]
     means = 0.5 * (v[1:] + v[:-1])
     both = np.isfinite(rates) & np.isfinite(means)
     # averages, in which the noise of differenced encoders cancels
@@ -318,7 +318,7 @@ def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
     factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
     wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
     if wrong.any():
-        j = int(wrong.argmax())
+        j = wrong.argmax()
         raise LogError(
             f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
             "positions: other units, another sign, or the other side of a gear.",

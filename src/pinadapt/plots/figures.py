@@ -30,8 +30,13 @@ def error_figure(run: Drawable) -> Picture:
     for k, group in enumerate(groups):
         unit, scale = group.shown
         error = scale * run.error[:, group.rows]
-        label = f"{group.name} error [{unit}]"
-        curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
+        curves(
+            axes[2 * k],
+            run.t,
+            error,
+            run.task.labels[group.rows],
+            f"{group.name} error [{unit}]",
+        )
         _norm(axes[2 * k + 1], run, group, "norm")
     if run.lyapunov_curve is not None:
         t, V = run.lyapunov_curve

@@ -56,8 +56,10 @@ class LimitExcess:
 
     def summary(self) -> dict[str, Any]:
         """Return the largest excess, by joint and kind of limit."""
-        rows = zip(self.slides, self.excess.tolist(), strict=True)
-        return {joint: dict(zip(KINDS, row, strict=True)) for joint, row in rows}
+        return {
+            joint: dict(zip(KINDS, row, strict=True))
+            for joint, row in zip(self.slides, self.excess.tolist(), strict=True)
+        }
 
     def __str__(self) -> str:
         """Return in one line which joints exceed which limit by how much, the first three."""

@@ -91,10 +91,13 @@ def truth_at(
 ) -> Truth:
     """Return the quantities of the true robot at one sample on which a law's V depends."""
     q = sample.measurement.q
-    v = sample.measurement.v
-    M = plant.mass_matrix(q)
-    C = plant.coriolis_matrix(q, v)
-    return Truth(a_k_true, a_d_true, M, C, plant.robot.friction_at(q))
+    return Truth(
+        a_k_true,
+        a_d_true,
+        plant.mass_matrix(q),
+        plant.coriolis_matrix(q, sample.measurement.v),
+        plant.robot.friction_at(q),
+    )
 
 
 class Slowdown(NamedTuple):
@@ -215,9 +218,8 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
     Only frequencies above those of its feedback count.
     """
     motion = controller.motion
-    names = controller.kinematics.robot.joint_names
     slowest = () if motion is None else (motion.bandwidth / (2.0 * np.pi),)
-    return ringing(t, tau, names, *slowest)
+    return ringing(t, tau, controller.kinematics.robot.joint_names, *slowest)
 
 
 # [m or rad] error below which a run without extent has recovered from an event; half, twice: a held
@@ -437,8 +439,12 @@ class Recording:
         Raises:
             InputError: the rollout was loaded.
         """
-        since = max((at for at, _ in self.marks), default=-np.inf)
-        return [sample for sample in self.evaluated().samples if sample.t >= since]
+        return [sample for sample in self.evaluated().samples if sample.t >= self.last_mark]
+
+    @property
+    def last_mark(self) -> float:
+        """Time of the last change of the robot or announcement [s], -inf without any."""
+        return max((at for at, _ in self.marks), default=-np.inf)
 
     @cached_property
     def kinematic_base(self) -> int:
@@ -486,8 +492,12 @@ class Recording:
     @np.errstate(all="ignore")
     def _smallest(self, values: Callable[[Any], Any], matrix: Callable[[Any], Any]) -> np.ndarray:
         """Return the smallest value (N) of a matrix of each sample; NaN where it is not finite."""
-        matrices = map(matrix, self.evaluated().samples)
-        return np.array([values(M).min() if np.isfinite(M).all() else np.nan for M in matrices])
+        return np.array(
+            [
+                values(M).min() if np.isfinite(M).all() else np.nan
+                for M in map(matrix, self.evaluated().samples)
+            ]
+        )
 
     @cached_property
     @np.errstate(all="ignore")
@@ -517,9 +527,12 @@ class Recording:
     @cached_property
     def slowed(self) -> tuple[Slowdown, ...]:
         """When a governor slowed the path by more than 1 %, and why; see ``Limits.governor``."""
-        samples = self.evaluated().samples
-        paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
-        return _episodes(Slowdown, min, [(t, p.rate < 0.99, p.cause, p.rate) for t, p in paths])
+        rates = [
+            (sample.t, path.rate < 0.99, path.cause, path.rate)
+            for sample in self.evaluated().samples
+            if (path := sample.state.path) is not None
+        ]
+        return _episodes(Slowdown, min, rates)
 
     @cached_property
     def infeasible(self) -> tuple[Shortfall, ...]:
@@ -545,8 +558,7 @@ class Recording:
     def limits(self) -> LimitExcess:
         """How far the motion of each joint exceeded the description's limits."""
         robot = self.evaluated().true.robots[0]
-        q = self.q[:, robot.model.idx_qs.tolist()[1:]]
-        return LimitExcess.of(robot, q, self.v, self.tau)
+        return LimitExcess.of(robot, self.q[:, robot.model.idx_qs[1:]], self.v, self.tau)
 
     @cached_property
     def effort_limits(self) -> np.ndarray:

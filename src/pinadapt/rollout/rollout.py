@@ -141,8 +141,10 @@ class Rollout(Recording, Printed):
             InputError: the rollout was loaded, or has no sample.
         """
         evaluation = self.evaluated()
-        learned = evaluation.controller.learned(*self._last_estimates(all_estimates))
-        return replace(learned, drawn=evaluation.true.robots[0].drawn)
+        return replace(
+            evaluation.controller.learned(*self._last_estimates(all_estimates)),
+            drawn=evaluation.true.robots[0].drawn,
+        )
 
     def parameters(self, *, all_estimates: bool = False) -> LearnedParameters:
         """Return the last estimates by name, from which another controller can start.
@@ -155,14 +157,14 @@ class Rollout(Recording, Printed):
         Raises:
             InputError: as ``learned``.
         """
-        last = self._last_estimates(all_estimates)
-        return LearnedParameters.of(self.evaluated().controller, *last)
+        return LearnedParameters.of(
+            self.evaluated().controller, *self._last_estimates(all_estimates)
+        )
 
     def _last_estimates(self, whole: bool) -> tuple[ControllerState, AlongExcited | None]:
         """Return the last state, and what the motion of the whole run excites."""
         run = self.evaluated()
-        since = max((at for at, _ in self.marks), default=-np.inf)
-        along = None if whole else along_excited(run.controller, run.samples, since=since)
+        along = None if whole else along_excited(run.controller, run.samples, since=self.last_mark)
         return run.last_state, along
 
     def excitation(self) -> Excitation:
@@ -196,9 +198,8 @@ class Rollout(Recording, Printed):
             InputError: as ``learned``.
             LogError: the controller has no unknown tracker, or the frames do not show it.
         """
-        kinematics = self.evaluated().controller.kinematics
-        samples = self.samples_since_last_mark()
-        return find_tracker(kinematics, [sample.measurement for sample in samples])
+        measurements = [sample.measurement for sample in self.samples_since_last_mark()]
+        return find_tracker(self.evaluated().controller.kinematics, measurements)
 
     def payload(
         self, *, refined: bool = False, arm: float = 0.0, empty: Rollout | None = None

@@ -63,7 +63,6 @@ _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_ide
 
 def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
-    found = run.prediction
     numbers = {
         "verdict": "",  # follows from the others
         "error_share": run.error_share,
@@ -81,7 +80,7 @@ def summary(run: Recording) -> Numbers:
         "wall_time_s": run.wall_time,
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
-        "torque_prediction": found and asdict(found),
+        "torque_prediction": run.prediction and asdict(run.prediction),
         "changes": [
             {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients
@@ -132,12 +131,11 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
         ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
-    kinematic = len(run.kinematic_names)
-    dynamic = len(run.dynamic_names)
+    adapted = f"{len(run.kinematic_names)} kinematic, {len(run.dynamic_names)} dynamic"
     rows = [
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
-        ("adaptation", f"{run.adaptation}: {kinematic} kinematic, {dynamic} dynamic"),
+        ("adaptation", f"{run.adaptation}: {adapted}"),
         *((words, _size(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
         *_prediction_rows(numbers),
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
@@ -225,7 +223,7 @@ BETTER = 0.2
 def _verdict(run: Recording, numbers: Numbers) -> str:
     """Return the verdict in one line."""
     found = numbers["torque_prediction"]
-    parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
+    parts = [(run.reason or "").rstrip("."), _error(run, numbers)]
     if run.slowed:
         parts.append(f"path slowed {_longest(run.slowed)}")
     if run.infeasible:
@@ -233,9 +231,10 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
         parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
-        before = percent(found["share_first"])
-        after = percent(found["share_last"])
-        parts.append(f"torques predicted to {after}, at first {before}")
+        parts.append(
+            f"torques predicted to {percent(found['share_last'])}, "
+            f"at first {percent(found['share_first'])}"
+        )
     if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:

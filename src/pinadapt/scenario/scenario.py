@@ -123,8 +123,8 @@ class Scenario:
         options = given["controller"]
         if isinstance(changes := options.get("compensated"), Mapping):
             with located("controller.compensated"):
-                compensation = read(changes, "controller.compensated", Robot.changed)
-                options["compensated"] = Gravity(described.changed(**compensation))
+                known = described.changed(**read(changes, "controller.compensated", Robot.changed))
+                options["compensated"] = Gravity(known)
         with in_table("controller"):
             controller = make_controller(
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
@@ -134,8 +134,9 @@ class Scenario:
                 start = learned.start(controller)
         with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
-        engine = given["engine"]
-        if isinstance(engine.plant, MujocoFile) and set(tables.get("truth", {})) - {"camera"}:
+        if isinstance(given["engine"].plant, MujocoFile) and set(tables.get("truth", {})) - {
+            "camera"
+        }:
             raise ScenarioError(
                 "the model file of engine.plant defines the true robot.",
                 where="truth",
@@ -152,7 +153,7 @@ class Scenario:
                 _changes(described, given["truth"], given["events"]["changes"]),
                 _in_time(given["events"]["announcements"], "announcements"),
             ),
-            engine,
+            given["engine"],
             start,
             **given["simulation"],
             title=given["title"] or true.name,
@@ -213,8 +214,9 @@ def true_robot(described: Robot, truth: Record) -> Robot:
     Raises:
         InputError: they do not fit the robot.
     """
-    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera")}
-    true = described.changed(**own)
+    true = described.changed(
+        **{key: value for key, value in truth.items() if key not in ("tracker", "camera")}
+    )
     task = described.task
     if isinstance(task, ImageTask) != bool(truth["camera"]):
         raise ScenarioError(

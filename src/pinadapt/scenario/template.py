@@ -337,8 +337,14 @@ def scenario_text(template: Template, folder: Path) -> str:
 def _comment(text: str) -> list[str]:
     """Return the lines of a comment; unprintable characters become spaces."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    lines = textwrap.wrap(printable, 98, break_long_words=False, break_on_hyphens=False)
-    return [f"# {line}" for line in lines]
+    return textwrap.wrap(
+        printable,
+        initial_indent="# ",
+        subsequent_indent="# ",
+        width=100,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _written(value: Any) -> str:

@@ -297,8 +297,10 @@ class Plan:
         elif {"vary", "case", "function"}.isdisjoint(tables):
             tables = {"scenario": tables}
         tables = {"path": str(above), "folder": str(folder)} | tables
-        varied = dict(mapping(tables.get("vary"), "vary"))
-        tables["vary"] = varied | dict(setting(key, "--vary") for key in vary)
+        tables["vary"] = {
+            **mapping(tables.get("vary"), "vary"),
+            **dict(setting(key, "--vary") for key in vary),
+        }
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | plain(options))
 

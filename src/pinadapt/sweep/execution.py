@@ -71,8 +71,9 @@ def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
     Raises:
         InputError: the values cannot be used.
     """
-    own = with_values(tables, {"simulation.seed": case.seed, **case.values})
-    return Scenario.build(own, Path(folder))
+    return Scenario.build(
+        with_values(tables, {"simulation.seed": case.seed, **case.values}), Path(folder)
+    )
 
 
 def run_scenario(tables: Record, folder: str, case: Case) -> Record:
@@ -145,11 +146,10 @@ def numbers_of(rollout: Rollout) -> Row:
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
     ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    numbers = rollout.numbers
     limits = rollout.effort_limits
     found: Row = {
         "follows": rollout.grade == FOLLOWS,
-        **{name: numbers[name] for name in _KEPT if name in numbers},
+        **{name: rollout.numbers[name] for name in _KEPT if name in rollout.numbers},
         "torque_use": extreme(np.max, (np.abs(rollout.tau) / limits)[:, np.isfinite(limits)]),
     }
     if rollout.diverged is not None:
@@ -412,9 +412,8 @@ def run_plan(
     done = set[int]()
     if folder is not None:
         done.update(join(folder, AGAIN if retry else ())["case"])
-    missing = (case for case in plan.cases if case.number not in done)
     found = tqdm(
-        rows(plan, missing, executor),
+        rows(plan, (case for case in plan.cases if case.number not in done), executor),
         desc="sweep",
         total=len(plan.cases),
         initial=len(done),

@@ -216,8 +216,10 @@ class SweepReport(Printed):
         if self.results:
             rows = [[name, *each, ""] for name, each in self.percentiles.items()]
             header = ["result", *(f"{p:.0%} (95% interval)" for p in PERCENTILES), ""]
-            tables.append(Table(rows, header, "Results"))
-            tables.append(self._listed("Worst cases", self.worst, [self.main]))
+            tables = [
+                Table(rows, header, "Results"),
+                self._listed("Worst cases", self.worst, [self.main]),
+            ]
             chosen = chosen or self.worst
         if self.lost:
             tables.append(self._listed("Lost cases", self.lost, ["status", "reason"]))

@@ -67,7 +67,7 @@ class DrawnContacts:
             moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
             at = moved[:, :3, 3]
             f, m = np.split(force, 2, axis=1)
-            normal = np.array([0.0, 0.0, 1.0])
+            normal = np.eye(3)[2]
             if contact.sole is not None:
                 normal = moved[:, :3, 2]
                 poses.move(node["sole"], at, Rotation.from_matrix(moved[:, :3, :3]))

@@ -62,9 +62,8 @@ class Window:
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
         """Draw the object of one node at another node too, on request in the ghost's material."""
-        one = source.path.lower()
-        other = target.path.lower()
-        self.note(other, copy={"source": one, "target": other, "ghost": as_ghost})
+        place = target.path.lower()
+        self.note(place, copy={"source": source.path.lower(), "target": place, "ghost": as_ghost})
 
     def _keep(self, key: Any, message: bytes) -> None:
         with self._lock:
@@ -78,12 +77,11 @@ class Window:
         Each is preceded by its length in 4 bytes, as the page reads it.
         """
         with self._lock:
-            framed = (
+            return self.count, b"".join(
                 len(message).to_bytes(4, "big") + message
                 for number, message in self._latest.values()
                 if number > count
             )
-            return self.count, b"".join(framed)
 
 
 def solid(colour: int, opacity: float = 1.0, **options: Any) -> MeshLambertMaterial:

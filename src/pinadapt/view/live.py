@@ -147,9 +147,14 @@ class LiveView:
         self._last: Sample | None = None
         self._traced: list[np.ndarray] = []
         t = np.linspace(0.0, duration, 600)
-        x_d = as_trajectory(trajectory, true.task).positions(t)
-        robots = Succession.of(true, changes)
-        self._scene = Scene(robots, controller, t, true.q0[None], x_d, t[:1])
+        self._scene = Scene(
+            Succession.of(true, changes),
+            controller,
+            t,
+            true.q0[None],
+            as_trajectory(trajectory, true.task).positions(t),
+            t[:1],
+        )
         html = page(self._scene, title or true.name, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url

@@ -48,13 +48,12 @@ def page(
         "marks": marks,
         "live": live,
     }
-    rows = (
-        f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
-        for text, colour in scene.legend.items()
-    )
     return Template((files(__package__) / "page.html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
-        legend="".join(rows),
+        legend="".join(
+            f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
+            for text, colour in scene.legend.items()
+        ),
         viewer=_viewer(),
         messages=_packed(b"" if live else scene.window.since(0)[1]),
         settings=json.dumps(settings).replace("<", "\\u003c"),

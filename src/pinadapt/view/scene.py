@@ -93,8 +93,8 @@ def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
         return tips_of(true, motion_of(true, np.array([true.configuration(x) for x in x_d])))
     path = np.broadcast_to(tips, (len(x_d), *tips.shape[1:]))
     if isinstance(task, ImageTask):
-        nearest = [task.nearest(*each) for each in zip(path[:, 0], x_d, strict=True)]
-        return np.array(nearest)[:, None]
+        nearest = [[task.nearest(*each)] for each in zip(path[:, 0], x_d, strict=True)]
+        return np.array(nearest)
     path = path @ tracker.rotation.T + tracker.translation
     place = true.of_frame(true.frames[0]).frame_task.place
     path[..., place] = x_d[:, : task.positions].reshape(*path.shape[:2], -1)
@@ -155,8 +155,11 @@ class DrawnRobot:
         points = motion[:, :, :3, 3].swapaxes(0, 1)
         joints = self.robot.model.njoints
         for index in range(joints):
-            turn = Rotation.from_matrix(motion[:, index, :3, :3])
-            poses.move(self.node[f"joint {index}"], points[index], turn)
+            poses.move(
+                self.node[f"joint {index}"],
+                points[index],
+                Rotation.from_matrix(motion[:, index, :3, :3]),
+            )
         for end, start in self._bones:
             poses.move(self.node[f"rod {end}"], *rod(points[start], points[end], 0.025 * self.size))
         for node, tip in zip(self._tips, points[joints:], strict=True):
@@ -312,8 +315,7 @@ class Scene:
         error = task.error(sample.truth.x, sample.desired.x_d)
         parts = [group.shown.scale * error[group.rows] for group in task.groups]
         if self._truths:
-            truth = self._truths[self.robots.index(sample.t)]
-            parts.append(1e3 * (sample.state.a_k - truth))
+            parts.append(1e3 * (sample.state.a_k - self._truths[self.robots.index(sample.t)]))
         values = [float(f"{np.linalg.norm(part):.4g}") for part in parts]
         return {"t": round(sample.t, 4), "values": as_json(values)}
 

@@ -243,5 +243,6 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
 
     The end is 10 % of the case's duration, however long the run itself was.
     """
-    t = rollout.t
-    return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
+    if errors is None:
+        return None
+    return extreme(np.max, errors[rollout.t > rollout.t[-1:] - 0.1 * case.duration])
