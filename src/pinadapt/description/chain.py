@@ -41,11 +41,12 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
     """Return the names of the links that a joint moves, or the joint's own name if none."""
-    return [
+    links = [
         frame.name
         for frame in model.frames
         if frame.type == pin.FrameType.BODY and frame.parentJoint == joint
-    ] or [model.names[joint]]
+    ]
+    return links or [model.names[joint]]
 
 
 def massless_joints(model: pin.Model) -> list[int]:

@@ -93,10 +93,8 @@ class _Edited:
                     stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
         self.packages.find_files(self.root)
         if self.root.find("mujoco") is None and next(self.root.iter("mesh"), None) is not None:
-            # which accepts absolute paths
-            ElementTree.SubElement(
-                ElementTree.SubElement(self.root, "mujoco"), "compiler", strippath="false"
-            )
+            extension = ElementTree.SubElement(self.root, "mujoco")  # which accepts absolute paths
+            ElementTree.SubElement(extension, "compiler", strippath="false")
         return self.root
 
     def _place_tool(self, name: str) -> None:

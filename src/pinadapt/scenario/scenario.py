@@ -134,9 +134,8 @@ class Scenario:
                 start = learned.start(controller)
         with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
-        if isinstance(given["engine"].plant, MujocoFile) and set(tables.get("truth", {})) - {
-            "camera"
-        }:
+        engine = given["engine"]
+        if isinstance(engine.plant, MujocoFile) and set(tables.get("truth", {})) - {"camera"}:
             raise ScenarioError(
                 "the model file of engine.plant defines the true robot.",
                 where="truth",
@@ -153,7 +152,7 @@ class Scenario:
                 _changes(described, given["truth"], given["events"]["changes"]),
                 _in_time(given["events"]["announcements"], "announcements"),
             ),
-            given["engine"],
+            engine,
             start,
             **given["simulation"],
             title=given["title"] or true.name,
