@@ -14,14 +14,15 @@ pytestmark = pytest.mark.slow
 mujoco = pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
 
 # Revolute joints, prismatic and continuous ones about z and x, rotor inertias, inclined axes and an
-# inertia that no body has, bodies without mass: MuJoCo's compiler would refuse the last two.
-ROBOTS = ("panda", "scara", "pr2_left_arm", "massless")
+# inertia that no body has, bodies without mass: MuJoCo's compiler would refuse the last two. Of a1,
+# four legs begin at the base.
+ROBOTS = ("panda", "scara", "pr2_left_arm", "massless", "a1")
 
 
 def robot_named(name):
     """Return a robot of the catalogue, or a UR5 two of whose bodies have no mass."""
     if name != "massless":
-        return load(name)
+        return pa.load(name, task="joint" if name == "a1" else None)
     model = load("ur5").model.copy()
     for joint in (2, 5):
         model.inertias[joint] = pin.Inertia.Zero()

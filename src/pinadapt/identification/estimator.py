@@ -252,7 +252,8 @@ class Estimator:
             robot: as described, a chain, a tree or a robot with constraints.
             unknown: "bodies" (the default) or "payload", as ``Unknown`` has it. With either the
                 load is unknown, and friction unless ``Unknown`` states it.
-            period: typical time between samples [s].
+            period: typical time between samples [s]. Windows begin anew where samples are further
+                apart than two periods and 25 ms.
             held: whether tau is the mean since the last sample; else it is that of the instant.
             smooth: whether positions are smoothed over 0.1 s, and velocities are theirs: for noisy
                 or missing v. Estimates are then 0.05 s late.
@@ -364,6 +365,7 @@ class Estimator:
             "prediction": None,
         }
         self._count = 2 * max(round(_SMOOTH / period), 2) + 1 if flag(smooth, "smooth") else 1
+        self._period = period
 
     def init(self, measurement: Measurement) -> EstimatorState:
         """Return the state at the first sample.
@@ -417,7 +419,8 @@ class Estimator:
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
-            ImplausibleError: the time is not after the last one's.
+            ImplausibleError: the time is not after the last one's, or samples that are smoothed are
+                twice as far apart as the period says, or half.
             InputError: no state, or not as many contacts.
         """
         now = self._checked(measurement)
@@ -498,6 +501,10 @@ class Estimator:
         middle = samples[self._count // 2]
         model = self.robot.model
         t = np.array([one.t for one in samples]) - middle.t
+        mean = (t[-1] - t[0]) / (self._count - 1)
+        if not 0.5 <= mean / self._period <= 2.0:
+            flaw = f"comes {mean:.3g} s after the one before, on average; state this as the period"
+            raise ImplausibleError("t", samples[-1].t, flaw)
         moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
         *_, slope, value = np.polyfit(t, moved, 3)
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope)
@@ -727,7 +734,7 @@ class Estimator:
             a,
             np.linalg.norm(root, axis=1),
             noise,
-            self._advice(load, root, noise),
+            self._advice(state, load, root, noise),
         )
 
     def _fitted(
@@ -759,9 +766,17 @@ class Estimator:
             friction = replace(friction, shafts=())
         return replace(robot, friction=friction, loads=())
 
-    def _advice(self, load: PayloadEstimate | None, root: np.ndarray, noise: np.ndarray) -> str:
+    def _advice(
+        self,
+        state: EstimatorState,
+        load: PayloadEstimate | None,
+        root: np.ndarray,
+        noise: np.ndarray,
+    ) -> str:
         """Return which joint to shake, if that told more of the load than the noise hides."""
         robot = self.robot
+        if not state.last or state.last[0] is state.last[1]:
+            return f"no two samples in sequence yet: is their period {self._period:g} s, as stated?"
         if load is None or load.mass_known_to < _KNOWN * max(load.mass, 0.01 * robot.mass):
             return ""
         gains = np.zeros(robot.model.nv)

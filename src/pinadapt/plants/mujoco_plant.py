@@ -205,7 +205,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
         for corner in contact.corners:
-            spec.bodies[frame.parentJoint].add_geom(
+            spec.bodies[frame.parentJoint - robot.model.njoints].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,
                 size=[_TOE, 0.0, 0.0],
                 pos=frame.placement.act(corner),
@@ -223,9 +223,9 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     refuse_missing(robot, "MuJoCo", Contact)
     mj = mujoco_module()
     chain = robot.model
-    for i in range(1, chain.njoints):
-        write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
-        write_inertia(model, i, chain.inertias[i])
+    for i, body in enumerate(model.jnt_bodyid, 1):
+        write_place(chain.jointPlacements[i], model.body_pos[body], model.body_quat[body])
+        write_inertia(model, body, chain.inertias[i])
     model.dof_armature[:] = chain.armature
     model.dof_damping[:] = robot.friction.viscous
     model.dof_frictionloss[:] = robot.friction.coulomb
