@@ -200,8 +200,8 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
         given: a ``Trajectory``, as it is; any object with ``at(t)``, or a function of t [s], that
             returns x_d, or (x_d, xd_d, xdd_d), see ``Function``; times (N) [s] and positions
             (N, m) as a pair, or as one array (N, 1 + m) with the times first, see ``Spline``.
-        task: the task of these coordinates. Angles of continuous joints may jump by whole turns;
-            coordinates of a pose are position and quaternion xyzw (7), and a function may return
+        task: the task of these coordinates. Recorded angles of continuous joints, all within a
+            turn, may jump by nearly all of it; coordinates of a pose are position and quaternion xyzw (7), and a function may return
             ``pin.SE3`` instead. None: plain vectors.
 
     Raises:
@@ -252,7 +252,9 @@ def converted(
         )
     t, x = given
     if any(turning) and np.shape(x)[1:] == (len(turning),):
-        x = np.where(turning, np.unwrap(x, axis=0), x)
+        # recorded angles stay within a turn, and jump by nearly all of it
+        recorded = turning & (np.ptp(x, axis=0) <= 2.0 * np.pi)
+        x = np.where(recorded, np.unwrap(x, discont=1.9 * np.pi, axis=0), x)
     if quaternion:
         return Function(_quaternion_spline(t, x), difference)
     return Spline(t, x)
@@ -281,7 +283,9 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
                 hint="Motions of poses: PoseTrajectory(position, orientation), or (t, x).",
             )
         for name, size in zip(Desired._fields, sizes, strict=True):
-            vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
+            value = vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
+            if name == "x_d" and task is not None and (flaw := task.flaw(value)):
+                raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")
     except InputError:
         raise
     except Exception as reason:
@@ -290,5 +294,3 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
             where="trajectory",
             hint="at(t) must return a Desired; a function of t [s] the coordinates x_d.",
         ) from reason
-    if task is not None and (flaw := task.flaw(start.x_d)):
-        raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")
