@@ -36,8 +36,7 @@ def information(rollout):
     evaluation = rollout.evaluated()
     controller = evaluation.controller
     a_d = evaluation.last_state.a_d
-    model = controller.kinematics.robot.model
-    return dynamic_information(controller.dynamics, model, evaluation.samples, a_d)
+    return dynamic_information(controller.dynamics, controller.kinematics, evaluation.samples, a_d)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

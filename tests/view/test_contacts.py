@@ -84,7 +84,9 @@ def test_spikes_begin_at_the_centre_of_pressure_and_end_at_the_force():
 @pytest.mark.slow
 def test_a_page_of_a_robot_that_stands_has_cones_and_forces():
     robot, controller, _ = at_rest("a1")
-    rollout = pa.simulate(robot, controller, Crawl(steps=1), duration=0.1, progress=False)
+    rollout = pa.simulate(
+        robot, controller, Crawl(steps=1), duration=0.1, progress=False, engine="mujoco"
+    )
     animation = rollout.animate()
     commands, _ = messages(animation)
     for foot in FEET["a1"]:

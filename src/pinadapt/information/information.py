@@ -14,7 +14,6 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import ROUNDING
 from .._output import Printed, Report, Table
@@ -157,47 +156,54 @@ class Information:
 
 def dynamic_information(
     dynamics: Dynamics,
-    model: pin.Model,
+    kinematics: TaskKinematics,
     samples: Sequence[Sample],
     a_d: np.ndarray,
     least_noise: float = ROUNDING,
 ) -> Information:
-    """Return the information of measured motion and torque of a chain on dynamic parameters.
+    """Return the information of measured motion and torque of a robot on dynamic parameters.
 
     Args:
         dynamics: of p parameters.
-        model: of the chain.
+        kinematics: of the robot, with its constraints.
         samples: of a run, at a constant rate.
         a_d: (p) at which the residuals are taken.
         least_noise: of a torque, as a share of its mean size.
     """
-    motion = motion_of_samples(model, samples)
-    W, r = _torque_rows(dynamics, a_d, *motion[1:5])
+    motion = motion_of_samples(kinematics.robot.model, samples)
+    W, r, tau = _torque_rows(dynamics, kinematics, a_d, *motion[1:5])
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
     W, r = (
         part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]).mean(axis=1)
         for part in (W, r)
     )
-    level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
+    level = np.abs(tau).sum(axis=0) / max(len(motion.t), 1)
     return fitted(dynamics.names, a_d, W, r, level, least_noise)
 
 
 def _torque_rows(
     dynamics: Dynamics,
+    kinematics: TaskKinematics,
     a_d: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
     tau: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return slopes (N, n, p) and residuals (N, n) of the torques of a motion at a_d (p)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return slopes (N, n, p), residuals (N, n) at a_d (p) and the torques (N, n) of a motion.
+
+    Under constraints they are what no constraint force changes, as nobody measures these.
+    """
     dynamics.load(a_d)
     W = np.zeros((*tau.shape, dynamics.size))
     r = tau.copy()
     for k, state in enumerate(zip(q, v, a, strict=True)):
         W[k] = dynamics.regressor(*state)
         r[k] -= dynamics.torque(*state)
-    return W, r
+    if (constraints := kinematics.constraints) is None:
+        return W, r, tau
+    free = np.array([constraints.free(*state)[0] for state in zip(q, v, strict=True)])
+    return free @ W, *(np.einsum("kij,kj->ki", free, part) for part in (r, tau))
 
 
 def position_information(
@@ -262,11 +268,13 @@ def fitted(
     The noise of each signal is its residual at the least-squares estimate. It is found in two
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
     """
-    level = np.maximum(level, np.finfo(float).tiny)
+    rounding = max(ROUNDING * float(np.max(level, initial=0.0)), np.finfo(float).tiny)
+    level = np.maximum(level, rounding)
     found = Information.of_rows(names, a, W, r, level)
     for _ in range(2 if r.size else 0):
         free = max(r.size - found.rank, 1) / r.size
         noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least_noise * level)
+        noise = np.maximum(noise, rounding)
         found = Information.of_rows(names, a, W, r, noise)
     return found
 
@@ -461,12 +469,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    Y, residual = _torque_rows(dynamics, last, q, v, a, tau)
-    if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
-        free = np.array([constraints.free(*state)[0] for state in zip(q, v, strict=True)])
-        Y = free @ Y
-        residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
-    sums = TorqueErrors(Y, residual, tau, last)
+    sums = TorqueErrors(*_torque_rows(dynamics, controller.kinematics, last, q, v, a, tau), last)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first)
 
 

@@ -321,7 +321,7 @@ def whole_arm_information(
     values = dict(zip(dynamics.names, described_values(dynamics, robot), strict=True))
     values |= zip(controller.dynamics.names, state.a_d, strict=True)
     a = np.array([values[name] for name in dynamics.names])
-    return dynamic_information(dynamics, robot.model, samples, a, LEAST_NOISE)
+    return dynamic_information(dynamics, controller.kinematics, samples, a, LEAST_NOISE)
 
 
 def described_values(dynamics: Dynamics, robot: Robot) -> np.ndarray:

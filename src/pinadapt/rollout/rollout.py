@@ -181,9 +181,7 @@ class Rollout(Recording, Printed):
         controller = evaluation.controller
         state = evaluation.last_state
         return Excitation(
-            dynamic_information(
-                controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
-            ),
+            dynamic_information(controller.dynamics, controller.kinematics, samples, state.a_d),
             position_information(controller, samples, state),
             LearnedParameters.of(controller, state).units,
         )

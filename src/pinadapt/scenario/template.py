@@ -329,7 +329,10 @@ def scenario_text(template: Template, folder: Path) -> str:
             meaning = f"{about.get(key, '')} {remarks.get(f'{name}.{key}', '')}"
             lines += [*_comment(meaning.strip()), f"{key} = {_written(value)}"]
         if name == "controller":
-            lines += _comment("Gains in use; remove the # to set your own.")
+            lines += _comment(
+                "Gains in use; remove the # to set your own. A Kv without lag has none; an R_k "
+                "that is stated is constant, the default's grows as the estimate becomes certain."
+            )
             lines += [f"# {key} = {value}" for key, value in template.gains()]
     return "\n".join(lines) + "\n"
 

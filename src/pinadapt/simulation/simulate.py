@@ -151,6 +151,12 @@ def simulate(
             "the robot of a model file does not change while it moves.", where="changes"
         )
     trajectory = placed_trajectory(trajectory, true)
+    if plant.sticks and getattr(trajectory.at(0.0), "feet", None) is not None:
+        raise InputError(
+            "the contacts of this simulator hold whatever that takes, so no foot would step.",
+            where="engine",
+            hint='Simulate steps with engine="mujoco".',
+        )
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
     if named and not controller.kinematics.calibrated:

@@ -201,8 +201,8 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
             returns x_d, or (x_d, xd_d, xdd_d), see ``Function``; times (N) [s] and positions
             (N, m) as a pair, or as one array (N, 1 + m) with the times first, see ``Spline``.
         task: the task of these coordinates. Recorded angles of continuous joints, all within a
-            turn, may jump by nearly all of it; coordinates of a pose are position and quaternion xyzw (7), and a function may return
-            ``pin.SE3`` instead. None: plain vectors.
+            turn, may jump by nearly all of it; coordinates of a pose are position and quaternion
+            xyzw (7), and a function may return ``pin.SE3`` instead. None: plain vectors.
 
     Raises:
         InputError: another kind of object, a wrong number of coordinates, numbers that are not
