@@ -138,8 +138,10 @@ def load(
     named = name_list(frames, "frames", RobotError)
     if frame is not None and named:
         raise RobotError("give one frame, or several, not both.", where="frames")
-    if len(set(named)) != len(named):
-        raise RobotError(f"one is given twice in {named}.", where="frames")
+    feet = parts_of(Contact, contacts, "contacts")
+    for where, names in (("frames", named), ("contacts", [foot.frame for foot in feet])):
+        if len(set(names)) != len(names):
+            raise RobotError(f"one is given twice in {names}.", where=where)
     if frame is not None:
         named = [frame]
     if (task == IMAGE) != (pixel is not None):
@@ -151,7 +153,6 @@ def load(
     found = describe(source, xacro=xacro, mass=mass)
     free = word(base, (FIXED, FREE), "base") == FREE
     known = named or name_list(found.frame or (), "frame")
-    feet = parts_of(Contact, contacts, "contacts")
     closed = parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
     if len(named) > 1 and task in (JOINT, COM):
@@ -168,8 +169,11 @@ def load(
         )
     model = found.model
     ends = end_links(model, found.mimics)
-    moving = chain_joints(model, frame_id(model, known[0])) if known and found.closures else []
-    hangs = any(str(model.names[joint]) in found.passive for joint in moving)  # in loops
+    first = (known or ends)[:1] if found.closures else []
+    moving = [joint for name in first for joint in chain_joints(model, frame_id(model, name))]
+    hangs = any(model.names[joint] in found.passive for joint in moving)  # in loops
+    if hangs:
+        named = named or first
     whole = free or closed or hangs or (not known and task == JOINT)
     if idle and not whole:
         raise RobotError(
@@ -181,7 +185,7 @@ def load(
     elif found.closures:
         warnings.warn(
             f"{found.name}: {len(found.closures)} kinematic loops closed by <equality> are opened; "
-            f'task="joint" keeps them.',
+            'task="joint", or a frame that they move, keeps them.',
             stacklevel=3,
         )
     locks = [*found.locked, *name_list(locked, "locked", RobotError)]
