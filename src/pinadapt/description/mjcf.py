@@ -24,6 +24,7 @@ from .chain import (
     links_of,
     position_limits,
 )
+from .floating_base import BASE_JOINTS
 from .urdf import built_shapes, check_numbers, xml_text
 from .urdf_writer import digits, first_comment, free_name
 
@@ -206,11 +207,12 @@ def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple
     return pin.XYZQUATToSE3([*pose[:3], *xyz, w]) if pose[3:].any() else between, pin.SE3.Identity()
 
 
-def mjcf_text(robot: Any) -> str:
+def mjcf_text(robot: Any, *, single: bool = False) -> str:
     """Return the text of an MJCF file of the chain of a ``Robot`` alone, without shapes.
 
     Joints have limits, ``damping``, ``frictionloss`` and ``armature``; each has a motor, limited to
-    its effort. The task frame is a site.
+    its effort. The task frame is a site. A free base has a free joint; ``single``: the six joints
+    of the model.
 
     Raises:
         RobotError: a body without a physical inertia.
@@ -235,6 +237,9 @@ def mjcf_text(robot: Any) -> str:
     for index, (name, (low, high, effort)) in enumerate(
         zip(robot.joint_names, columns, strict=True), 1
     ):
+        if name in BASE_JOINTS[:-1] and not single:
+            bodies.append(base)
+            continue
         body = ElementTree.SubElement(
             bodies[model.parents[index]],
             "body",
@@ -245,6 +250,9 @@ def mjcf_text(robot: Any) -> str:
         )
         bodies.append(body)
         _write_inertia(body, model.inertias[index])
+        if name in BASE_JOINTS and not single:
+            ElementTree.SubElement(body, "freejoint", name=free_name("free_base", taken))
+            continue
         joint = ElementTree.SubElement(
             body,
             "joint",
