@@ -26,10 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .._checks import flag, instance, positive
+from .._checks import flag, instance, name_list, positive, word
 from ..controller.inputs import InputCheck, standing
 from ..description.floating_base import BASE_JOINTS
-from ..exceptions import ImplausibleError, MeasurementError, RobotError
+from ..exceptions import ImplausibleError, InputError, MeasurementError, RobotError
 from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import PayloadEstimate, of_load, usual_load
@@ -184,7 +184,8 @@ class Estimate:
     def write(self, model: Any) -> None:
         """Write bodies, rotors and friction into a MuJoCo model of the same joints, in place.
 
-        What is welded to a body in it loses its mass, as the body contains it. Call
+        What is welded to a body in it loses its mass, as the body contains it. What other joints
+        move, such as fingers, keeps its own, so it should not be part of the robot's bodies. Call
         ``mujoco.mj_setConst`` after it.
 
         Raises:
@@ -268,6 +269,8 @@ class Estimator:
         self._held = flag(held, "held")
         given = Unknown.of(unknown)
         if not isinstance(unknown, Unknown):
+            for each in name_list(unknown or (), "unknown"):
+                word(each, ("bodies", PAYLOAD), "unknown")
             given = replace(given, friction=None, armature=None)
         carrier = robot.carriers[0]
         self._alone = alone = given.bodies == PAYLOAD
@@ -425,6 +428,8 @@ class Estimator:
         """
         now = self._checked(measurement)
         known = instance(state, EstimatorState, "state").stands
+        if state.sums.shape[1:] != (len(now.v), self._columns + 3):
+            raise InputError("is that of another estimator.", where="state")
         if stands is not None:
             stands = standing(stands, len(self.robot.contacts), "stands")
             if known is None or (stands != known).any():  # no window holds both

@@ -184,12 +184,15 @@ def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     frame = robot.model.frames[robot.frame_id].placement
 
-    def load(pi: np.ndarray) -> np.ndarray:
-        body = frame.actInv(pin.Inertia.FromDynamicParameters(pi))
-        return np.array([body.mass, *body.lever, *body.inertia[np.tril_indices(3)]])
-
     # of the largest parameter; a hundredth and a hundred times as much: the same
-    steps = 1e-6 * np.abs(pi).max() * np.eye(PER_BODY)
+    step = 1e-6 * (np.abs(pi).max() or 1.0)
+
+    def load(pi: np.ndarray) -> np.ndarray:
+        mass = pi[0] or step  # of nothing the centre is at the joint, or anywhere
+        body = frame.actInv(pin.Inertia.FromDynamicParameters(np.append(mass, pi[1:])))
+        return np.array([pi[0], *body.lever, *body.inertia[np.tril_indices(3)]])
+
+    steps = step * np.eye(PER_BODY)
     slopes = [(load(pi + h) - load(pi - h)) / (2.0 * h.sum()) for h in steps]
     return load(pi), np.column_stack(slopes)
 

@@ -19,6 +19,7 @@ from .._checks import (
     shown,
     take_checked,
     vector,
+    whole,
     word,
 )
 from ..exceptions import RobotError
@@ -182,10 +183,13 @@ class Shaft:
         parts = "armature", "viscous", "coulomb"
         take_checked(self, positive, "shafts.", *parts, zero=True, error=RobotError)
         take_checked(self, positive, "shafts.", "threshold", error=RobotError)
-        if len(self.joints) != 2 or self.joints[0] == self.joints[1]:
-            raise RobotError(
-                f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"
-            )
+        where = "shafts.joints"
+        pair = instance(self.joints, list | tuple, where, RobotError)
+        if len(pair) != 2 or pair[0] == pair[1]:
+            raise RobotError(f"expected two joints, got {shown(pair)}.", where=where)
+        for each in pair:
+            if not isinstance(each, str):
+                whole(each, where, 0)
         if self.sign not in (1, -1):
             raise RobotError(f"must be 1 or -1, got {shown(self.sign)}.", where="shafts.sign")
 
@@ -267,6 +271,8 @@ class Friction:
             else:
                 speed = name in ("threshold", "fading")
                 array = joint_numbers(array, where, zero=not speed, error=RobotError)
+            if array.ndim > 1:
+                raise RobotError("expected one number for each joint.", where=where)
             if not isinstance(value, Mapping):
                 arrays[name] = array
         try:

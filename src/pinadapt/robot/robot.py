@@ -226,9 +226,10 @@ class Robot(Printed):
         """Return the configuration (nq) of coordinates x of a joint task, all others as at home.
 
         Raises:
-            RobotError: the constraints do not hold near it.
+            RobotError: the constraints do not hold near it, or the task is another one.
         """
-        assert isinstance(self.task, JointTask)
+        if not isinstance(self.task, JointTask):
+            raise RobotError("only a joint task has x of a configuration.", where="task")
         angles = self.home_angles
         angles[list(self.task.dofs)] = x
         q = configuration_from_angles(self.model, angles)

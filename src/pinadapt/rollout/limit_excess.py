@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import ROUNDING
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..robot.robot import Robot
 from ..tasks.task import DISPLAYS
@@ -46,7 +47,8 @@ class LimitExcess:
         with np.errstate(invalid="ignore"):  # inf - inf is no excess
             outside = np.maximum(q - upper, lower - q)
             beyond = np.array([outside, np.abs(v) - speed, np.abs(tau) - effort])
-        excess = np.where(np.isfinite(beyond), beyond, 0.0).max(axis=1, initial=0.0).T
+        counts = np.isfinite(beyond) & (beyond > ROUNDING)
+        excess = np.where(counts, beyond, 0.0).max(axis=1, initial=0.0).T
         return cls(robot.slides, bool(np.isfinite([upper, speed, effort]).any()), excess)
 
     @property

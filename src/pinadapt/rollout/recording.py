@@ -201,7 +201,9 @@ def ringing(
     fast = f >= slowest
     f = f[fast]
     found = []
-    for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
+    sizes = np.mean(tau**2, axis=0)
+    sizes = np.maximum(sizes, ROUNDING**2 * sizes.max())  # of a joint that needs no torque
+    for name, own, size in zip(joints, power[fast].T, sizes, strict=True):
         peak = np.argmax(own) if own.size else 0
         if peak < 2:  # no edge of the motion's own spectrum
             continue

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, located, mapping, positive, word
+from .._checks import instance, located, positive, word
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.limits import ABSURD
@@ -60,7 +60,7 @@ class Events:
         self.announcements = in_time(announcements, "events.announcements")
         for time, announced in self.announcements.items():
             where = f"events.announcements[{time:g}]"
-            for name in mapping(announced, where):
+            for name in instance(announced, Mapping, where):
                 word(name, ANNOUNCED, where)
 
     def check(self, controller: Controller, state: ControllerState) -> None:
