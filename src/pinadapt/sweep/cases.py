@@ -387,9 +387,15 @@ class Plan:
         write_text(folder / COPY, self.text())
 
     def is_in(self, folder: Path) -> bool:
-        """Return whether a folder holds this sweep, run by this version of the library."""
-        path = folder / COPY
-        return path.is_file() and path.read_text(encoding="utf-8") == self.text()
+        """Return whether a folder holds this sweep, run by this version of the library.
+
+        It may have another condition of success, which only the report applies.
+        """
+        import tomlkit
+
+        own = tomlkit.parse(self.text()).unwrap()
+        there = read_toml(folder / COPY) if (folder / COPY).is_file() else {}
+        return own == {**there, "success": self.success}
 
     @classmethod
     def load(cls, folder: Path) -> Plan:

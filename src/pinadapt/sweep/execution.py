@@ -385,6 +385,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
             where=folder,
             hint="Complete it by --resume, or begin anew by --force.",
         )
+    plan.save(folder)
     return folder
 
 
