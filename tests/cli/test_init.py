@@ -63,7 +63,7 @@ ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass 
         ([str(ARM4), "--frame", "tipp"], "Did you mean 'tip'?"),
         ([str(ARM4), "--frame", "finger2"], "mimic"),
         (["solo8_fl_leg", "--task", "xyz"], "only 2 joints"),
-        (["one.urdf"], "no link is moved by two independent joints"),
+        (["one.urdf"], "no outermost link is moved by two joints"),
         ([str(ARM4), "--frame", "link1"], "only 1 joints"),
     ],
 )

@@ -276,10 +276,10 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
         if not is_independent(model, joint, mimics):
             kind = model.joints[joint].shortname().removeprefix("JointModel")
             raise RobotError(
-                f"joint '{model.names[joint]}' mimics another one, or its type {kind} is none of "
-                "the revolute, continuous and prismatic ones that the control laws need.",
+                f"joint '{model.names[joint]}' mimics another one, or is of type {kind}; joints "
+                "of a chain are independent, and revolute, continuous or prismatic.",
                 where=model.name,
-                hint="Lock it with `locked`, or choose a frame before it.",
+                hint='Lock it, choose a frame before it, or, if it mimics one, task="joint".',
             )
 
 

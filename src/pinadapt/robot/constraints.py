@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import ROUNDING, flag, instance, numbers, positive, vector
-from ..description.chain import angles_from_configuration, frame_id
+from ..description.chain import angles_from_configuration, configuration_from_angles, frame_id
 from ..exceptions import RobotError
 from ..records import Feet
 from .changes import joint_id
@@ -232,6 +232,11 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     if not parts:
         return q
     constraints = Constraints(model, parts)
+    angles = angles_from_configuration(model, q)
+    for part, at in constraints.placed:
+        if isinstance(part, Coupling):  # its leader stays
+            angles[at[0]] -= part.error(constraints.data, at, angles)[0]
+    q = configuration_from_angles(model, angles)
     for _ in range(_ITERATIONS):
         A = constraints.jacobian(q)
         angles = angles_from_configuration(model, q)

@@ -210,7 +210,7 @@ def load(
             refused = refused or error
     else:
         raise refused or RobotError(
-            "no link is moved by two independent joints or more.",
+            "no outermost link is moved by two joints or more that are all independent.",
             where=found.name,
             hint='Name a frame, or choose task="joint".',
         )
@@ -280,11 +280,12 @@ def _load_chain(
     plane = MountingPlane()
     if not (floating or found.frame or whole or len(frames) > 1):
         plane = MountingPlane.of(model, tips[0], shown)
-    couplings = [
-        Coupling(joint, *leader)
-        for joint, leader in found.mimics.items()
-        if model.existJointName(joint)
-    ]
+    couplings = list[Constraint]()
+    for name, leader in found.mimics.items():
+        if model.existJointName(name):
+            if not model.existJointName(leader[0]):
+                raise RobotError(f"'{name}' follows '{leader[0]}'; lock both.", where="locked")
+            couplings.append(Coupling(name, *leader))
     constraints = *couplings, *constraints
     if free:
         chosen = _task_named(task or "pose", model)
