@@ -114,7 +114,7 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
 def test_a_description_without_a_joint_is_refused(tmp_path):
     path = tmp_path / "plane.urdf"
     path.write_text('<robot name="plane"><link name="plane"/></robot>')
-    with pytest.raises(pa.RobotError, match="no link is moved by two"):
+    with pytest.raises(pa.RobotError, match="no outermost link is moved by two"):
         pa.load(path)
 
 
