@@ -135,7 +135,7 @@ def payload_estimate(
         raise ParameterError(
             "the last body was not adapted, so there is no estimate of a load.",
             where="payload",
-            hint='Adapt it: dynamic = "all" or "payload".',
+            hint='Adapt it: unknown="bodies" or "payload".',
         )
     change = prior.change(found).marginalised(prior.root)
     whole = change.R @ change.estimate
@@ -300,7 +300,7 @@ def whole_arm(controller: Controller) -> Dynamics:
         raise ParameterError(
             "these parameters are not those of bodies, so load and arm cannot be separated.",
             where="arm",
-            hint='Adapt bodies: dynamic = "all" or "payload".',
+            hint='Adapt bodies: unknown="bodies" or "payload".',
         )
     bodies = BodyDynamics(dynamics.bare(described_robot(controller)), ALL)
     return bodies if dynamics.joints is None else StackedDynamics(bodies, dynamics.joints)
