@@ -142,6 +142,9 @@ def test_what_cannot_crawl_is_refused():
         Crawl().on(standing("a1", task="xyz"))
     with pytest.raises(pa.exceptions.InputError, match="steps"):
         Crawl(steps=0)
+    robot = standing("a1")
+    with pytest.raises(pa.exceptions.InputError, match="no foot would step"):
+        pa.simulate(robot, pa.make_controller(robot), Crawl(), duration=0.1)
 
 
 def test_feet_that_do_not_fit_are_refused():

@@ -224,6 +224,7 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
     with pytest.raises(pa.ParameterError, match="not measured"):
         run.payload()
+    assert run.excitation().dynamic.rank == 10
     found = pa.identify(run, robot, unknown="payload", progress=False)
     body = found.robot.model.inertias[6]
     errors = found.torque_errors

@@ -1,9 +1,7 @@
 """The arms of the pages run against stand-ins with the same calls, without ROS or UR software."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,18 +9,11 @@ import pytest
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, RealtimeLoop, Safety
 from tests.support.arms import ORDINARY, robot
-from tests.support.paths import ROOT
+from tests.support.paths import page_module
+from tests.support.ros import joint_state, put_in_place
 
 PERIOD = 2e-3  # of the arms of the pages
 JOINTS, GAINS = ["joint1", "joint2"], {"p": 600.0, "d": 60.0}
-
-
-def loaded(name, thing):
-    """Return an object that a file of the documentation defines."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "arms" / f"{name}.py")
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return getattr(found, thing)
 
 
 PARAMETERS = {
@@ -57,7 +48,7 @@ class Manager:
         assert list(message.joint_names) == JOINTS
 
     def update(self):
-        """Run one cycle and return the joint state that is published, in alphabetical order."""
+        """Run one cycle and return the joint state that is published."""
         m = self.plant.read()
         zero = np.zeros(2)
         if self.point is None:
@@ -69,14 +60,7 @@ class Manager:
         before = self.efforts[-1]
         self.efforts.append(effort)
         self.plant.send(effort)
-        stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
-        return SimpleNamespace(
-            header=SimpleNamespace(stamp=stamp),
-            name=JOINTS[::-1],
-            position=m.q[::-1],
-            velocity=m.v[::-1],
-            effort=before[::-1],
-        )
+        return joint_state(m, JOINTS, before)
 
 
 @pytest.fixture
@@ -129,15 +113,12 @@ def ros(monkeypatch):
         "trajectory_msgs": {},
         "trajectory_msgs.msg": {name: message(name) for name in kinds},
     }
-    for name, things in modules.items():
-        made = ModuleType(name)
-        vars(made).update(things)
-        monkeypatch.setitem(sys.modules, name, made)
+    put_in_place(monkeypatch, modules)
     return manager
 
 
 def test_the_node_of_ros_drives_an_arm(ros):
-    on = loaded("ros2", "RosArm")("/arm", robot())
+    on = page_module("arms", "ros2").RosArm("/arm", robot())
     assert on.facts.period == PERIOD
     described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])  # without a camera
     of = pa.make_controller(described, dt=PERIOD, adaptation="natural")

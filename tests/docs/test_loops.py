@@ -1,23 +1,16 @@
 """Examples of other people's loops: with a model that learns the load they err less."""
 
-import importlib.util
-import sys
 from functools import partial
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from tests.support.paths import ROOT
+from tests.support.paths import page_module
+from tests.support.ros import joint_state, put_in_place
 
-
-def example(name):
-    """Return an example as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "loops" / f"{name}.py")
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+example = partial(page_module, "loops")
 
 
 @pytest.mark.slow
@@ -81,10 +74,7 @@ def test_a_node_publishes_the_load(monkeypatch):
     kinds = {"rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs": {}, "geometry_msgs": {}}
     kinds["sensor_msgs.msg"] = {"JointState": "JointState"}
     kinds["geometry_msgs.msg"] = {"InertiaStamped": inertia}
-    for name, things in kinds.items():
-        module = ModuleType(name)
-        vars(module).update(things)
-        monkeypatch.setitem(sys.modules, name, module)
+    put_in_place(monkeypatch, kinds)
     robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0], task="joint")
     monkeypatch.setattr(pa, "load", lambda urdf: robot)
     node = example("ros2_load").LoadNode("arm.urdf")
@@ -92,16 +82,7 @@ def test_a_node_publishes_the_load(monkeypatch):
     torque = np.zeros(2)
     for k in range(400):
         m = plant.measure()
-        stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
-        node.heard(
-            SimpleNamespace(
-                header=SimpleNamespace(stamp=stamp),
-                name=robot.joint_names[::-1],
-                position=m.q[::-1],
-                velocity=m.v[::-1],
-                effort=torque[::-1],
-            )
-        )
+        node.heard(joint_state(m, robot.joint_names, torque))
         target = robot.q0 + 0.3 * np.sin(np.array([2.0, 3.0]) * k * 0.01)
         torque = 50.0 * (target - m.q) - 8.0 * m.v
         plant.step(torque, 0.01)

@@ -18,10 +18,6 @@ def robot():
     return realities.case_of("ur5").true.changed(viscous=0.0, coulomb=0.0, armature=0.1)
 
 
-def gravity(robot):
-    return pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
-
-
 def test_play_makes_no_energy(robot):
     case = Reality(stiffness=5e3, play=5e-4)
     arm = ElasticArm(robot, case=case, seed=0, axis="+x", actuators=SPRINGS)
@@ -35,7 +31,8 @@ def test_play_makes_no_energy(robot):
         return found
 
     free = np.abs(arm._d) > 0.5 * case.play
-    assert arm.spring(arm._d) == pytest.approx(gravity(robot), abs=1e-9) and free.any()
+    weight = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    assert arm.spring(arm._d) == pytest.approx(weight, abs=1e-9) and free.any()
     start = energy()
     crossed = 0
     for _ in range(500):  # the arm falls

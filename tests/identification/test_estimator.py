@@ -220,6 +220,19 @@ def test_steps_are_pure_and_refuse_what_is_no_measurement():
     assert estimator.step(states[-1], sample).t == 3.0
 
 
+def test_samples_at_another_period_are_told():
+    robot = catalogue_robot("panda")
+    rest = pa.Measurement(0.0, robot.q0, np.zeros(7), tau=np.zeros(7))
+    plain = pa.Estimator(robot, "payload")
+    state = plain.step(plain.init(rest), rest._replace(t=0.033))
+    assert "is their period 0.001 s" in str(plain.estimate(state))
+    smooth = pa.Estimator(robot, "payload", smooth=True)
+    state = smooth.init(rest)
+    with pytest.raises(pa.ImplausibleError, match=r"0.02 s after .* as the period"):
+        for k in range(1, 200):
+            state = smooth.step(state, rest._replace(t=0.02 * k))
+
+
 def test_what_is_no_state_no_load_and_no_contacts_is_refused():
     robot = pa.load("a1", base="free", contacts=["FL_foot", "FR_foot", "RL_foot", "RR_foot"])
     estimator = pa.Estimator(robot, "payload")

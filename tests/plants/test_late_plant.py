@@ -8,11 +8,6 @@ from pinadapt.robot.motors import LateTorque
 from tests.support.chains import catalogue_robot
 
 
-def late_plant(robot, delay, **options):
-    """Return the robot with late motors."""
-    return pa.plants.PinocchioPlant(robot, actuators=pa.robot.Actuators(delay=delay), **options)
-
-
 def ending(plant, torques, dt):
     """Return q and v of a plant after torques (N, n), each commanded for dt [s]."""
     for torque in torques:
@@ -32,7 +27,7 @@ def test_every_joint_has_its_own_delay():
         whole = round(delay / dt)
         own = torques[:, joint]
         arrived[:, joint] = np.concatenate([np.full(whole, own[0]), own])[: len(torques)]
-    late = late_plant(robot, delays)
+    late = pa.plants.PinocchioPlant(robot, actuators=pa.robot.Actuators(delay=delays))
     assert np.allclose(
         ending(late, torques, dt), ending(pa.plants.PinocchioPlant(robot), arrived, dt), rtol=1e-12
     )

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.slow
 
 NUMBERS = b"0 -1 1e308 nan inf 1e-320 999999999999 9e99 true 1,2 [1] null 0x10 1_0".split()
 MARKS = [*b"< > / \" ' \\ & \x00 \xff\xfe ${ } $( { [ ] # = ,".split(), b"\n", b"[" * 5000]
+LOGS = "a.csv", "a.npz", "a.bag", "sqlite3", "mcap"
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +60,8 @@ def whole(tmp_path_factory, robot, planar):
     (folder / "a.urdf").write_text(arm)
     (folder / "a.xml").write_text(planar.mjcf())
     readers = {
-        "a.csv": lambda path: pa.read_log(path, robot),
-        "a.npz": lambda path: pa.read_log(path, robot),
+        **dict.fromkeys(LOGS, lambda path: pa.read_log(path, robot)),
         "run": lambda path: pa.read_log(path, planar),
-        "a.bag": lambda path: pa.read_log(path, robot),
-        "sqlite3": lambda path: pa.read_log(path, robot),
-        "mcap": lambda path: pa.read_log(path, robot),
         "a.json": lambda path: LearnedParameters.load(path).start(controller),
         "table.csv": CaseTable.load,
         "a.urdf": pa.load,
@@ -93,21 +90,7 @@ def damaged(data, rng):
     return bytes(data)
 
 
-KINDS = (
-    "a.csv",
-    "a.npz",
-    "run",
-    "a.bag",
-    "sqlite3",
-    "mcap",
-    "a.json",
-    "table.csv",
-    "a.urdf",
-    "a.xml",
-)
-
-
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*LOGS, "run", "a.json", "table.csv", "a.urdf", "a.xml"])
 def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
     folder, readers = whole
     rng = random.Random(kind)

@@ -67,7 +67,8 @@ def run(tmp_path_factory):
         return m
 
     on = faulty(lambda arm, m: at(arm.cycle, m, arm), at=0, sensors=sensors)
-    translate = {"reference": hold_there}
+    hold = pa.trajectories.Hold
+    translate = {"reference": lambda table, m: hold(robot().position(m.q))}
     with (
         forking(),
         Recorder(path, of, port=0, translate=translate, about={"by": "test"}) as recorder,
@@ -75,11 +76,6 @@ def run(tmp_path_factory):
         loop = Loop(on, of=of, seconds=60.0, recorder=recorder)
         ending = loop.ended()
     return path, of, loop, ending, answers
-
-
-def hold_there(table, measurement):
-    """Return the motion of a new reference."""
-    return pa.trajectories.Hold(robot().position(measurement.q))
 
 
 # --- the log ---
