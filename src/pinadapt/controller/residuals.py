@@ -436,7 +436,7 @@ def make_guards(
     on: Mapping[str, bool],
     quality: SensorQuality,
     *,
-    box: np.ndarray | None,
+    box: np.ndarray,
     sensors: Sensors,
     dt: float,
 ) -> Guards:
@@ -451,7 +451,7 @@ def make_guards(
     m = kinematics.positions
     farthest = math.inf
     frames = None
-    lengths = np.where(list(robot.slides.values()), min(1.0, size), 1.0)
+    lengths = np.where(robot.sliding, min(1.0, size), 1.0)
     fast = velocity_limits(model)
     if on["velocity"]:
         bounds["fastest"] = 10.0 * fast  # half or double: the same faults are found
@@ -471,8 +471,7 @@ def make_guards(
     if on["position"] and m:
         farthest = 20.0 * size  # in unknown axes; millimetres are farther
         if kinematics.calibrated:
-            span = np.zeros((2, kinematics.size)) if box is None else box
-            off = np.append(0.5 * (span[1] - span[0]), np.full(m, _OFFSET * size))
+            off = np.append(0.5 * (box[1] - box[0]), np.full(m, _OFFSET * size))
             scatter = _FRAME * size / CERTAIN + 2.0 * quality.x
             prior = np.diag((CERTAIN / np.maximum(off, scatter)) ** 2)
             frames = FrameFit(kinematics.initial, prior, scatter)

@@ -41,7 +41,7 @@ from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import Source, read_log
 from ..logs.import_options import Options
 from ..logs.log import Log
-from ..models.linear_kinematics import SHIFT, TURN, axes_of
+from ..models.linear_kinematics import DISPLACEMENTS, SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
@@ -418,7 +418,6 @@ class _Unknown(NamedTuple):
         for given in words:
             word(given, [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], "unknown")
         found = []
-        labels = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
         turn, shift = _ANYWHERE
         vague = np.repeat([shift * robot.reach, turn], 3)
         for joint, name in enumerate(robot.joint_names, 1):
@@ -431,7 +430,7 @@ class _Unknown(NamedTuple):
                 name = TRACKER
                 prior = vague
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
-            for k, label in enumerate(labels):
+            for k, label in enumerate(DISPLACEMENTS):
                 if whole or (k == own and OFFSETS in words):
                     found.append(
                         (
@@ -443,7 +442,7 @@ class _Unknown(NamedTuple):
                         )
                     )
         if TOOL in words:  # a position does not show how a tool is turned
-            for k, label in enumerate(labels[: task.size]):
+            for k, label in enumerate(DISPLACEMENTS[: task.size]):
                 found.append((f"{TOOL}.{label}", model.njoints, np.eye(6)[k], vague[k], False))
         if not found:
             raise InputError(

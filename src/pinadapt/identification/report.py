@@ -331,7 +331,7 @@ class Identification(Printed):
     @property
     def _unit(self) -> str:
         """Unit of the torques."""
-        return "N m or N" if any(self.described.slides.values()) else "N m"
+        return "N m or N" if self.described.sliding.any() else "N m"
 
     @cached_property
     def _loaded(self) -> PayloadEstimate | None:

@@ -23,6 +23,7 @@ from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
 from ..models.excited import Excited, TorqueErrors, scales
+from ..models.excited import rms as rms
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
@@ -303,12 +304,6 @@ def lateness(
     W = np.concatenate([W, -rate[..., None]], axis=2)
     found = Information.of_rows((), 0.0 * prior, W, r, noise, prior, off)
     return float(found.correction[-1]), float(found.refined().deviations[-1])
-
-
-def rms(values: np.ndarray, axis: int | None = None) -> Any:
-    """Return the root mean square of all numbers, or along an axis."""
-    found = np.sqrt(np.mean(np.square(values), axis=axis))
-    return float(found) if axis is None else found
 
 
 def spread(points: np.ndarray) -> float:

@@ -28,7 +28,7 @@ from numpy import empty
 
 from .._checks import ROUNDING
 from .._kernels import models as kernels
-from ..description.chain import axis_of, frame_id, is_slide
+from ..description.chain import axis_of, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
@@ -45,6 +45,7 @@ from .translations import (
 )
 
 GEOMETRY = "geometry"
+DISPLACEMENTS = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
 # [rad] and share of the reach: standard deviations of a description; half, twice: calibrated errors
 # the same to 3 %, those of a geometry learned in motion 13 to 21 % larger
 TURN, SHIFT = 0.02, 0.005
@@ -135,7 +136,7 @@ def columns_of_geometry(robot: Robot) -> Columns:
     next placement has the same effect.
     """
     model = robot.model
-    labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
+    labels = np.array(DISPLACEMENTS)
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
 
     (tool,) = unknown_translations(robot, TOOL)
@@ -258,7 +259,7 @@ class LinearKinematics(TaskKinematics):
         m, width = N.shape
         model = self.robot.model
         self.columns = columns
-        frames = [frame_id(model, name) for name in self.robot.frames]
+        frames = self.robot.frame_ids
         turning = self.task.size - m  # rows of rotations, that in N once more
         self._of_pose = turning > 0
         constants = np.zeros((2, m + turning, width + turning))
