@@ -732,7 +732,7 @@ class Estimator:
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
-            load = PayloadEstimate.of(value, np.linalg.norm(gradient @ root[self._load], axis=1))
+            load = PayloadEstimate(value, np.linalg.norm(gradient @ root[self._load], axis=1))
         return Estimate(
             self._robot(state, a),
             load,
