@@ -99,7 +99,7 @@ class Controller:
         self.adaptation_k = adaptation_k
         self.adaptation_d = adaptation_d
         self.limits = ControllerLimits() if limits is None else limits
-        self.senses = senses or Senses(Guards.none(kinematics.robot.model))
+        self.senses = senses or Senses(Guards(kinematics.robot.model))
         self.sensors = self.senses.sensors
         self.motion = motion
         self.period = period

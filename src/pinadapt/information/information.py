@@ -403,7 +403,6 @@ class MotionTorques:
     first: np.ndarray
 
 
-@dataclass(frozen=True)
 class TorquePrediction:
     """Errors of the torques that estimates of dynamic parameters predict along a motion.
 
@@ -418,29 +417,21 @@ class TorquePrediction:
         share_first, share_last: the first and the last error relative to the torques.
     """
 
-    rms: float
-    error_first: float
-    error_last: float
-    identifiable: int
-    identifiable_error: float | None
-    not_excited: tuple[str, ...]
-    share_first: float
-    share_last: float
-
-    @classmethod
-    def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
+    def __init__(self, torques: MotionTorques, truth: np.ndarray | None) -> None:
         """Take the numbers of a motion, with the true parameters (p) or None."""
         excited = torques.excited
-        left = None
         ends = (torques.first, torques.sums.at)
+        self.rms = torques.sums.size
+        self.error_first, self.error_last = map(torques.sums.error, ends)
+        self.identifiable = excited.rank
+        self.identifiable_error = None
         if truth is not None:
             before, after = (excited.distance(a, truth) for a in ends)
-            left = after / before if before > 0.0 else None
-        first, last = map(torques.sums.error, ends)
-        still = tuple(compress(excited.names, excited.still))
-        size = torques.sums.size
-        shares = (error / max(size, np.finfo(float).tiny) for error in (first, last))
-        return cls(size, first, last, excited.rank, left, still, *shares)
+            self.identifiable_error = after / before if before > 0.0 else None
+        self.not_excited = tuple(compress(excited.names, excited.still))
+        size = max(self.rms, np.finfo(float).tiny)
+        self.share_first = self.error_first / size
+        self.share_last = self.error_last / size
 
 
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:

@@ -90,20 +90,17 @@ class Columns(NamedTuple):
         bounds: (2, p) where the parameters stay by default.
     """
 
-    names: tuple[str, ...]
-    joints: np.ndarray
-    motions: np.ndarray
-    initial: np.ndarray
-    sizes: np.ndarray
-    bounds: np.ndarray
+    names: tuple[str, ...] = ()
+    joints: np.ndarray = np.zeros(0, dtype=np.int64)
+    motions: np.ndarray = np.zeros((6, 0))
+    initial: np.ndarray = np.zeros(0)
+    sizes: np.ndarray = np.zeros(0)
+    bounds: np.ndarray = np.zeros((2, 0))
 
 
 def stacked(parts: Iterable[Columns]) -> Columns:
     """Return the columns of some placements, one placement after the other."""
-    none = np.zeros(0)
-    no = np.zeros(0, dtype=np.int64)
-    empty_one = Columns((), no, np.zeros((6, 0)), none, none, np.zeros((2, 0)))
-    names, *arrays = zip(empty_one, *parts, strict=True)
+    names, *arrays = zip(Columns(), *parts, strict=True)
     return Columns(sum(names, ()), *(np.concatenate(each, axis=-1) for each in arrays))
 
 
@@ -443,11 +440,8 @@ class FrameKinematics(LinearKinematics):
         m = self.positions
         self.translations = own * f
         columns = columns_of_geometry(robot) if whole else stacked(translated(robot, own))
-        self.names = columns.names
-        self.size = len(columns.names)
-        self.initial = columns.initial
-        self.sizes = columns.sizes
-        self.bounds = columns.bounds
+        self.names, _, _, self.initial, self.sizes, self.bounds = columns
+        self.size = len(self.names)
         frames = np.repeat(range(f), m // f)
         rows = np.tile(np.arange(3)[self.task.place], f)
         moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column
