@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -403,7 +404,7 @@ class MotionTorques:
     first: np.ndarray
 
 
-class TorquePrediction:
+class TorquePrediction(SimpleNamespace):
     """Errors of the torques that estimates of dynamic parameters predict along a motion.
 
     Attributes:
