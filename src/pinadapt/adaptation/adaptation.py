@@ -400,7 +400,6 @@ class Stacked(Adaptation):
             self.parts.append((instance(part, Adaptation, "parts"), slice(start, end)))
         self.name = parts[0][0].name
         self.sources = tuple(source for part, _ in parts for source in part.sources)
-        self._empty = ((),) * len(parts)
         bandwidths = (part.torque_bandwidth for part, _ in parts)
         self.torque_bandwidth = next(filter(None, bandwidths), None)
 
@@ -453,7 +452,7 @@ class Stacked(Adaptation):
 
     def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or self._empty
+        memories = estimate.memory or ((),) * len(self.parts)
         if len(memories) != len(self.parts):
             raise InputError("the estimate is that of another adaptation.", where="state")
         return [

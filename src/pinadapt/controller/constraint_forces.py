@@ -89,8 +89,7 @@ class ConstraintForces:
         self._motors = np.flatnonzero(robot.motors)
         self._idle = np.flatnonzero(~robot.motors)
         self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
-        limits = torque_bounds(limits, robot.model.nv)
-        self._limits = np.minimum(limits, _NONE)[self._motors]
+        self._limits = np.minimum(torque_bounds(limits, robot.model.nv), _NONE)[self._motors]
         self._mobilities = 1.0 / joint_inertia(robot)
         A = self.constraints.jacobian(robot.q0)
         idle = A[:, self._idle]

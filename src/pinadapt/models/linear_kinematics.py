@@ -171,19 +171,15 @@ class _ObservedChain:
     """
 
     def __init__(
-        self,
-        model: pin.Model,
-        frames: Sequence[int],
-        columns: Columns,
-        constants: np.ndarray,
-        entries: np.ndarray,
+        self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
     ) -> None:
-        """Use a nominal model, its frames, its columns, and a map as the kernel takes it."""
+        """Use a nominal robot, its columns, and a map as the kernel takes it."""
+        model = robot.model
         self._model = model.copy()
-        self.frames = frames
         self._data = data = self._model.createData()
-        ends = [model.frames[frame] for frame in frames]
-        f = len(frames)
+        self.frames = robot.frame_ids
+        ends = [model.frames[frame] for frame in self.frames]
+        f = len(ends)
         places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
@@ -254,9 +250,7 @@ class LinearKinematics(TaskKinematics):
             entries: (K, 4) a parameter, 0 for N or 1 for D, and the row and column that it adds to.
         """
         m, width = N.shape
-        model = self.robot.model
         self.columns = columns
-        frames = self.robot.frame_ids
         turning = self.task.size - m  # rows of rotations, that in N once more
         self._of_pose = turning > 0
         constants = np.zeros((2, m + turning, width + turning))
@@ -266,7 +260,7 @@ class LinearKinematics(TaskKinematics):
         again = entries[entries[:, 3] < turning] + [0, 0, m, width]
         self._entries = np.concatenate([entries, again])
         self._now, self._past = (
-            _ObservedChain(model, frames, columns, constants, self._entries) for _ in range(2)
+            _ObservedChain(self.robot, columns, constants, self._entries) for _ in range(2)
         )
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

@@ -143,8 +143,8 @@ class Checklist:
         self._safety = safety
         self._period = facts.period
         self._joints = robot.joint_names
-        self.limit = np.minimum(facts.torque, effort_limits(model))
-        self.limit = np.minimum(self.limit, torque_bounds(controller.limits.torque, n))
+        declared = torque_bounds(controller.limits.torque, n)
+        self.limit = np.minimum.reduce([facts.torque, effort_limits(model), declared])
         rate = joint_numbers(safety.torque_rate, "safety.torque_rate", n, infinite=True)
         self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))

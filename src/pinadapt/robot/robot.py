@@ -125,8 +125,7 @@ class Robot(Printed):
     @property
     def carriers(self) -> list[int]:
         """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
-        model = self.model
-        bodies = {model.frames[frame].parentJoint - 1 for frame in self.frame_ids}
+        bodies = {self.model.frames[frame].parentJoint - 1 for frame in self.frame_ids}
         return sorted(map(int, bodies))
 
     def check_single_frame(self) -> None:
@@ -194,9 +193,9 @@ class Robot(Printed):
 
         Of several frames the longest.
         """
-        if len(self.frames) == 1:
-            return reach(self.model, self.frame_id)
         model = self.model
+        if len(self.frames) == 1:
+            return reach(model, self.frame_id)
         return max(reach(model, end, chain_joints(model, end)) for end in self.frame_ids)
 
     @property
