@@ -52,7 +52,7 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
     q = pin.integrate(robot.model, robot.q0, rng.uniform(-1.0, 1.0, robot.model.nv))
     x = TASKS["pose"].of(robot.placement(q))
     seen = _MeasuredFrames(task, q[None], x[None])
-    parts = _Unknown.of(robot, ALL, task, None)
+    parts = _Unknown(robot, ALL, task, None)
 
     def moved(step):
         geometry = _Geometry(robot, parts, pin.SE3.Identity())

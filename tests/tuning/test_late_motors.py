@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.tuning.defaults import frequency, typical_start
+from pinadapt.tuning.defaults import frequency, quiet_start
 from tests.support.chains import catalogue_robot
 from tests.tuning.test_heavy_load import light_wrist
 
@@ -49,7 +49,7 @@ def test_the_tracking_error_adapts_at_the_bandwidth(name):
     motion = made.motion
     inner = made.adaptation_d.inner
     bodies = slice(0, motion.dynamics.inertial.size)
-    Gamma = inner.gain(typical_start(inner, motion))[bodies, bodies]
+    Gamma = inner.gain(quiet_start(inner, motion.dynamics.typical))[bodies, bodies]
     effects = [Phi[:, bodies] for Phi in made.law.parameter_effects(motion)]
     assert w == made.law.alpha == made.law.lambda_d.max() == 30.0
     assert w <= frequency(effects, Gamma) < 1.5 * w  # a last body that may carry a load adds to it

@@ -213,7 +213,7 @@ class CompositeMemory(Wrapper):
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate without the memory, which V does not contain."""
         inner = self.inner.recorded(self._inner(estimate))
-        return Estimate(inner.value, (*[np.zeros(0)] * self._parts, *inner.memory))
+        return self._outer((np.zeros(0),) * self._parts, inner)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive of the inner adaptation, with the memory's gradient."""

@@ -12,6 +12,7 @@ from .._kernels import linear_algebra as kernels
 from ..exceptions import DivergedError, RobotError
 from ..models.typical_motion import joint_inertia
 from ..robot.constraints import DEPENDENT, Constraints, Contact
+from ..robot.motors import torque_bounds
 from ..robot.robot import Robot
 
 # weight of squared forces [m^2], for a unique choice; half or double: the torques change by 1e-6
@@ -88,8 +89,7 @@ class ConstraintForces:
         self._motors = np.flatnonzero(robot.motors)
         self._idle = np.flatnonzero(~robot.motors)
         self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
-        limits = np.full(robot.model.nv, _NONE) if limits is None else np.minimum(limits, _NONE)
-        self._limits = limits[self._motors]
+        self._limits = np.minimum(torque_bounds(limits, robot.model.nv), _NONE)[self._motors]
         self._mobilities = 1.0 / joint_inertia(robot)
         A = self.constraints.jacobian(robot.q0)
         idle = A[:, self._idle]

@@ -29,7 +29,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
 from ..robot.changes import Load
-from ..robot.motors import Compensation, LateTorque, torque_limits
+from ..robot.motors import Compensation, LateTorque, torque_bounds, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
@@ -99,7 +99,7 @@ class Controller:
         self.adaptation_k = adaptation_k
         self.adaptation_d = adaptation_d
         self.limits = ControllerLimits() if limits is None else limits
-        self.senses = senses or Senses(Guards.none(kinematics.robot.model))
+        self.senses = senses or Senses(Guards(kinematics.robot.model))
         self.sensors = self.senses.sensors
         self.motion = motion
         self.period = period
@@ -178,8 +178,7 @@ class Controller:
         torque = torque_limits(self.kinematics.robot, torque)
         governor = self.limits.governor
         if governor is not None:
-            limits = np.full(governor.lower.size, np.inf) if torque is None else torque
-            governor = replace(governor, torque=limits)
+            governor = replace(governor, torque=torque_bounds(torque, governor.lower.size))
         other.limits = replace(self.limits, torque=torque, governor=governor)
         other._alone = self._alone
         return other
@@ -533,7 +532,7 @@ class Controller:
             self.dynamics.load(state.a_d)
             torque = self.dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia = np.diag(pin.crba(model, self._data, sensed.q))
-            limits = np.full(model.nv, np.inf) if self.limits.torque is None else self.limits.torque
+            limits = torque_bounds(self.limits.torque, model.nv)
             torque -= damping * inertia * sensed.v
             displaced = sensed.monitor.joints[kernels.DISPLACED]
             if not hold:

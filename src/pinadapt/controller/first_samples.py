@@ -7,7 +7,6 @@ it should, the test costs nothing. One that is declared and missing is learned l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import pinocchio as pin
 from ..exceptions import ImplausibleError
 from ..models.joint_effects import expected_coefficients, typical_coefficients
 from ..records import Sensors
-from ..robot.motors import Compensation, Gravity
+from ..robot.motors import Gravity
 from ..robot.robot import Robot
 
 CERTAIN = 5.0  # standard deviations of what no noise explains: half: false alarms within seconds
@@ -50,7 +49,6 @@ class Sums(NamedTuple):
     healthy: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
 class FirstSamples:
     """The gravity torque in question, and windows in which the first samples show it.
 
@@ -72,11 +70,28 @@ class FirstSamples:
         dry: (n) usual Coulomb friction [N m or N].
     """
 
-    robot: Robot
-    gravity: Gravity
-    window: float
-    noise: np.ndarray
-    dry: np.ndarray
+    def __init__(self, robot: Robot, unloaded: Robot, sensors: Sensors, dt: float) -> None:
+        """Take the robot as described, with and without its load, its sensors, and the period [s].
+
+        A window has twelve periods or more, and is up to four times as long if its noise is more
+        than a tenth of gravity.
+        """
+        model = robot.model
+        self.robot = robot.undrawn()
+        self.gravity = Gravity(unloaded)
+        self.dry = expected_coefficients(robot, typical_coefficients(robot))[2]
+        own = self.gravity(robot.q0)
+        size = own @ np.linalg.solve(pin.crba(model, model.createData(), robot.q0), own)
+        counts = np.asarray(sensors.encoder, dtype=float)
+        # variance of the slope of v over T: that of q / T^4, and that of v / T^3
+        of_q = 72.0 * (counts**2 / 12.0 + sensors.deviation("q") ** 2)
+        of_v = 12.0 * dt * sensors.deviation("v") ** 2 * np.ones(model.nv)
+        shortest = math.ceil(max(_WINDOW / dt, 12.0) - 1e-9)
+        for periods in range(shortest, 4 * shortest + 1):
+            self.window = T = periods * dt
+            self.noise = np.sqrt(of_q / T**4 + of_v / T**3)
+            if CERTAIN * np.linalg.norm(own * self.noise) <= 0.1 * size:
+                break
 
     def init(self) -> Sums:
         """Return the sums before any sample."""
@@ -141,32 +156,3 @@ class FirstSamples:
         aside = r - share * own  # small where it is gravity
         along = aside @ np.linalg.solve(M, aside) < 0.25 * share**2 * size
         return share if along and share > _FALLS + noise else 0.0
-
-
-def make_first_samples(
-    robot: Robot, unloaded: Robot, sensors: Sensors, compensation: Compensation | None, dt: float
-) -> FirstSamples | None:
-    """Return what the first samples are compared with, at a sampling period dt [s].
-
-    None where gravity is none, is declared to be compensated, or is borne by constraints. A window
-    has twelve periods or more, and is up to four times as long if its noise is more than a tenth of
-    gravity.
-    """
-    model = robot.model
-    if compensation is not None or robot.constraints or not np.any(model.gravity.linear):
-        return None
-    gravity = Gravity(unloaded)
-    own = gravity(robot.q0)
-    size = own @ np.linalg.solve(pin.crba(model, model.createData(), robot.q0), own)
-    counts = np.asarray(sensors.encoder, dtype=float)
-    # variance of the slope of v over T: that of q / T^4, and that of v / T^3
-    of_q = 72.0 * (counts**2 / 12.0 + sensors.deviation("q") ** 2)
-    of_v = 12.0 * dt * sensors.deviation("v") ** 2 * np.ones(model.nv)
-    shortest = math.ceil(max(_WINDOW / dt, 12.0) - 1e-9)
-    for periods in range(shortest, 4 * shortest + 1):
-        T = periods * dt
-        noise = np.sqrt(of_q / T**4 + of_v / T**3)
-        if CERTAIN * np.linalg.norm(own * noise) <= 0.1 * size:
-            break
-    dry = expected_coefficients(robot, typical_coefficients(robot))[2]
-    return FirstSamples(robot.undrawn(), gravity, T, noise, dry)

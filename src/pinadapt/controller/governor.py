@@ -21,6 +21,7 @@ from ..description.chain import position_limits, velocity_limits
 from ..exceptions import GainError
 from ..models.right_inverse import RightInverse
 from ..records import Camera, Desired, Sensors
+from ..robot.motors import torque_bounds
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Moving, Task
 from ..trajectories.trajectory import Trajectory
@@ -151,18 +152,17 @@ class Governor:
         length = 1.0 / (self.position * robot.reach)
         weight = task.per_row(length, 1.0 / self.angle)
         if isinstance(task, JointTask):
-            slides = np.array(list(robot.slides.values()))
-            weight[slides[list(task.dofs)]] = length
+            weight[robot.sliding[list(task.dofs)]] = length
         return PathGovernor(
             self,
             names=("", ERROR, FRAMES, *of_joints),
             weight=weight,
             positions=-1 if isinstance(task, JointTask) else task.lengths,
-            places=None if model.nq == model.nv else np.array(model.idx_qs)[1:],
+            places=np.array(model.idx_qs)[1:],
             lower=lower,
             upper=upper,
             velocity=self.speed * velocity_limits(model),
-            torque=np.full(model.nv, np.inf) if torque is None else torque,
+            torque=torque_bounds(torque, model.nv),
             frames=explained_age(sensors) + _SPARE,
             near=self.near * home,
             singular=self.singular * home,
@@ -189,7 +189,7 @@ class PathGovernor:
         names: of the causes, by the answer of the kernel.
         weight: (m) one over the stop errors.
         positions: number of positions among the rows of the error; -1 for joints.
-        places: where joints without full turns are in q; None where q has one number a joint.
+        places: where joints without full turns are in q.
         lower, upper: (n) position limits [rad or m].
         velocity: (n) velocities that the path may ask for [rad/s or m/s].
         torque: (n) limits of the controller [N m or N].
@@ -202,7 +202,7 @@ class PathGovernor:
     names: tuple[str, ...]
     weight: np.ndarray
     positions: int
-    places: np.ndarray | None
+    places: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     velocity: np.ndarray
@@ -238,7 +238,7 @@ class PathGovernor:
             dx, self.weight, self.positions, given.slow, given.hold, given.creep,
             (age - self.frames) / given.gap,
             torque, self.torque, given.effort,
-            q if self.places is None else q[self.places], self.lower, self.upper, given.lead,
+            q[self.places], self.lower, self.upper, given.lead,
             *desired, inverse.J, inverse.gram_inverse, self.velocity,
             path.rate, path.acceleration, 2.0 / given.quick, factors,
         )  # fmt: skip

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -183,9 +183,8 @@ class FrameFit:
         return size, math.inf, fit
 
 
-@dataclass(frozen=True, eq=False)
 class Guards:
-    """The residual test of one robot.
+    """The residual test of one robot; at first it accepts everything.
 
     Attributes:
         model: of the robot.
@@ -202,23 +201,19 @@ class Guards:
         near: errors below which an arm may be resting [m or rad].
     """
 
-    model: pin.Model
-    bounds: np.ndarray
-    places: np.ndarray
-    torque: np.ndarray
     sensed: float = 0.0
     farthest: float = math.inf
     frames: FrameFit | None = None
     momentum: bool = False
     near: float = 0.0
 
-    @classmethod
-    def none(cls, model: pin.Model) -> Guards:
-        """Return guards that accept everything."""
-        bounds = np.full(model.nv, math.inf, kernels.BOUNDS)
-        bounds["slow"], bounds["lowest"] = 0.0, -math.inf
-        places = np.array([*model.idx_qs, model.nq], dtype=np.int64)[1:]
-        return cls(model, bounds, places, np.full(model.nv, math.inf))
+    def __init__(self, model: pin.Model) -> None:
+        """Take the model of the robot."""
+        self.model = model
+        self.bounds = np.full(model.nv, math.inf, kernels.BOUNDS)
+        self.bounds["slow"], self.bounds["lowest"] = 0.0, -math.inf
+        self.places = np.array([*model.idx_qs, model.nq], dtype=np.int64)[1:]
+        self.torque = np.full(model.nv, math.inf)
 
     def check_joints(
         self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
@@ -436,7 +431,7 @@ def make_guards(
     on: Mapping[str, bool],
     quality: SensorQuality,
     *,
-    box: np.ndarray | None,
+    box: np.ndarray,
     sensors: Sensors,
     dt: float,
 ) -> Guards:
@@ -446,12 +441,10 @@ def make_guards(
     """
     model = robot.model
     size = robot.reach
-    guards = Guards.none(model)
+    guards = Guards(model)
     bounds = guards.bounds
     m = kinematics.positions
-    farthest = math.inf
-    frames = None
-    lengths = np.where(list(robot.slides.values()), min(1.0, size), 1.0)
+    lengths = np.where(robot.sliding, min(1.0, size), 1.0)
     fast = velocity_limits(model)
     if on["velocity"]:
         bounds["fastest"] = 10.0 * fast  # half or double: the same faults are found
@@ -469,21 +462,16 @@ def make_guards(
     if on["rest"]:
         bounds["slow"] = _SLOW * lengths + CERTAIN * quality.v
     if on["position"] and m:
-        farthest = 20.0 * size  # in unknown axes; millimetres are farther
+        guards.farthest = 20.0 * size  # in unknown axes; millimetres are farther
         if kinematics.calibrated:
-            span = np.zeros((2, kinematics.size)) if box is None else box
-            off = np.append(0.5 * (span[1] - span[0]), np.full(m, _OFFSET * size))
+            off = np.append(0.5 * (box[1] - box[0]), np.full(m, _OFFSET * size))
             scatter = _FRAME * size / CERTAIN + 2.0 * quality.x
             prior = np.diag((CERTAIN / np.maximum(off, scatter)) ** 2)
-            frames = FrameFit(kinematics.initial, prior, scatter)
+            guards.frames = FrameFit(kinematics.initial, prior, scatter)
     if on["gravity"]:
         deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
         guards.torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
-    return replace(
-        guards,
-        sensed=CERTAIN * quality.tau,
-        farthest=farthest,
-        frames=frames,
-        momentum=on["gravity"],
-        near=_NEAR * (size if m else 1.0) + CERTAIN * quality.x,
-    )
+    guards.sensed = CERTAIN * quality.tau
+    guards.momentum = on["gravity"]
+    guards.near = _NEAR * (size if m else 1.0) + CERTAIN * quality.x
+    return guards

@@ -41,7 +41,7 @@ from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import Source, read_log
 from ..logs.import_options import Options
 from ..logs.log import Log
-from ..models.linear_kinematics import SHIFT, TURN, axes_of
+from ..models.linear_kinematics import DISPLACEMENTS, SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
@@ -245,7 +245,7 @@ def calibrate(
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))
-    placements = _Unknown.of(described, words, seen.task, start if tracker else None)
+    placements = _Unknown(described, words, seen.task, start if tracker else None)
     whole = _Geometry(described, placements, start)
     kept, rows, _, noise = _fitted(whole, seen, name)
     held = np.arange(len(kept)) * _BLOCKS // len(kept) % 4 == 3  # a quarter of the blocks
@@ -253,7 +253,7 @@ def calibrate(
     first = seen.only(kept & ~held)
     after = _Geometry(described, placements, start)
     _fitted(after, first, name, noise)
-    alone = _Unknown.of(described, (), seen.task, start) if tracker else placements
+    alone = _Unknown(described, (), seen.task, start) if tracker else placements
     before = _Geometry(described, alone, start)
     if tracker:
         _fitted(before, first, name, noise)
@@ -379,7 +379,7 @@ _OFFSET = 3.0
 _ANYWHERE = (10.0, 100.0)
 
 
-class _Unknown(NamedTuple):
+class _Unknown:
     """Unknown displacements of placements, p parameters.
 
     Attributes:
@@ -391,18 +391,10 @@ class _Unknown(NamedTuple):
         tracked: whether the first ones are of the base in the axes of a tracker.
     """
 
-    names: tuple[str, ...]
-    joints: np.ndarray
-    axes: np.ndarray
-    prior: np.ndarray
-    along: np.ndarray
-    tracked: bool
-
-    @classmethod
-    def of(
-        cls, robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
-    ) -> _Unknown:
-        """Return the displacements of the placements that a user's words name.
+    def __init__(
+        self, robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
+    ) -> None:
+        """Take the displacements of the placements that a user's words name.
 
         Args:
             robot: as described.
@@ -418,7 +410,6 @@ class _Unknown(NamedTuple):
         for given in words:
             word(given, [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], "unknown")
         found = []
-        labels = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
         turn, shift = _ANYWHERE
         vague = np.repeat([shift * robot.reach, turn], 3)
         for joint, name in enumerate(robot.joint_names, 1):
@@ -431,7 +422,7 @@ class _Unknown(NamedTuple):
                 name = TRACKER
                 prior = vague
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
-            for k, label in enumerate(labels):
+            for k, label in enumerate(DISPLACEMENTS):
                 if whole or (k == own and OFFSETS in words):
                     found.append(
                         (
@@ -443,15 +434,16 @@ class _Unknown(NamedTuple):
                         )
                     )
         if TOOL in words:  # a position does not show how a tool is turned
-            for k, label in enumerate(labels[: task.size]):
+            for k, label in enumerate(DISPLACEMENTS[: task.size]):
                 found.append((f"{TOOL}.{label}", model.njoints, np.eye(6)[k], vague[k], False))
         if not found:
             raise InputError(
                 "nothing is unknown, so there is nothing to calibrate.", where="unknown"
             )
-        names, *parts = zip(*found, strict=True)
-        joints, columns, deviations, aligned = map(np.array, parts)
-        return cls(names, joints, columns.T, deviations, aligned, base is not None)
+        self.names, *parts = zip(*found, strict=True)
+        self.joints, columns, self.prior, self.along = map(np.array, parts)
+        self.axes = columns.T
+        self.tracked = base is not None
 
 
 # The chain that is moved

@@ -42,7 +42,7 @@ from ..plants.mujoco_plant import write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
-from ..tuning.unknowns import Unknown, nominal_dynamics
+from ..tuning.unknowns import Unknown, UnknownLike, nominal_dynamics
 from .fits import FREE, LIGHT, TINY, WEIGHT, lasting_noise, noise_levels
 from .selection import LEAST_GAIN, with_shafts
 
@@ -202,8 +202,9 @@ class Estimate:
             body = chain.inertias[i]
             if chain.existFrame(label):
                 body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
-            model.body_mass[model.body_weldid == at] = 0.0
-            model.body_inertia[model.body_weldid == at] = 0.0
+            welded = model.body_weldid == at
+            model.body_mass[welded] = 0.0
+            model.body_inertia[welded] = 0.0
             write_inertia(model, at, body)
             if name not in BASE_JOINTS:
                 dof = joint.dofadr[0]
@@ -241,7 +242,7 @@ class Estimator:
     def __init__(
         self,
         robot: Robot,
-        unknown: Unknown | str | Sequence[str] | None = None,
+        unknown: UnknownLike = None,
         *,
         period: float = 1e-3,
         held: bool = True,
@@ -731,7 +732,7 @@ class Estimator:
         load = None
         if state.load is not None:
             value, gradient = of_load(self.robot, a[self._load])
-            load = PayloadEstimate.of(value, np.linalg.norm(gradient @ root[self._load], axis=1))
+            load = PayloadEstimate(value, np.linalg.norm(gradient @ root[self._load], axis=1))
         return Estimate(
             self._robot(state, a),
             load,

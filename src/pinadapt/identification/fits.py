@@ -239,7 +239,7 @@ def load_fit(
         )
     found = found.marginal(PER_BODY)
     value, gradient = of_load(robot, found.estimate)
-    return PayloadEstimate.of(value, found.deviation(gradient)), known
+    return PayloadEstimate(value, found.deviation(gradient)), known
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

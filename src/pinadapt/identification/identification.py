@@ -29,7 +29,7 @@ from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
-from ..tuning.unknowns import Unknown, nominal_dynamics
+from ..tuning.unknowns import Unknown, UnknownLike, nominal_dynamics
 from .estimator import Estimate, Estimator
 from .fits import (
     Windows,
@@ -58,7 +58,7 @@ def identify(
     *,
     test: Any = (),
     empty: Any = None,
-    unknown: Unknown | str | Sequence[str] | None = None,
+    unknown: UnknownLike = None,
     total_mass: float | None = None,
     known_load: float | None = None,
     mass_bounds: Mapping[str, tuple[float, float]] | None = None,

@@ -198,7 +198,7 @@ class Identification(Printed):
         found = torque_information(a, windows, self.stated, gains, gain).marginal(a.size)
         (own, known), (value, other) = plain.numbers, self._load_of(found).numbers
         known = np.hypot(known, np.hypot(other, value - own))
-        return PayloadEstimate.of(own, known, plain.explained)
+        return PayloadEstimate(own, known, plain.explained)
 
     def _load_of(self, found: Information) -> PayloadEstimate:
         """Return the load that explains the change of the bodies, by their information."""
@@ -331,7 +331,7 @@ class Identification(Printed):
     @property
     def _unit(self) -> str:
         """Unit of the torques."""
-        return "N m or N" if any(self.described.slides.values()) else "N m"
+        return "N m or N" if self.described.sliding.any() else "N m"
 
     @cached_property
     def _loaded(self) -> PayloadEstimate | None:

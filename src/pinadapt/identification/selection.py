@@ -91,7 +91,7 @@ class _Candidate(NamedTuple):
 
 def with_shafts(robot: Robot, first: int = 0) -> Robot:
     """Return a robot with all shafts that two neighbouring joints may turn, from a joint on."""
-    slides = list(robot.slides.values())
+    slides = robot.sliding
     shafts = tuple(
         Shaft((j, j + 1), turn, threshold=float(robot.friction.threshold[j]))
         for j, turn in product(range(first, len(slides) - 1), (1, -1))

@@ -358,7 +358,7 @@ def _mistakes(motion: _Motion) -> Iterator[tuple[str, _Motion]]:
         "they are without gravity, which the arm adds; --compensated nominal",
         motion._replace(added=weight),
     )
-    scale = np.where(list(motion.robot.slides.values()), 1.0, math.radians(1.0))
+    scale = np.where(motion.robot.sliding, 1.0, math.radians(1.0))
     yield "the angles are degrees; --degrees", motion.turned(scale)
     bare = _compared(motion, motion.tau, _each(motion, pin.rnea))
     noise = bare.left * rms(motion.tau, 0)

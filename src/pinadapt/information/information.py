@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
 from ..models.excited import Excited, TorqueErrors, scales
+from ..models.excited import rms as rms
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
@@ -305,12 +307,6 @@ def lateness(
     return float(found.correction[-1]), float(found.refined().deviations[-1])
 
 
-def rms(values: np.ndarray, axis: int | None = None) -> Any:
-    """Return the root mean square of all numbers, or along an axis."""
-    found = np.sqrt(np.mean(np.square(values), axis=axis))
-    return float(found) if axis is None else found
-
-
 def spread(points: np.ndarray) -> float:
     """Return the rms distance of points (N, m) from their mean along one coordinate."""
     return rms(points - points.mean(axis=0))
@@ -408,8 +404,7 @@ class MotionTorques:
     first: np.ndarray
 
 
-@dataclass(frozen=True)
-class TorquePrediction:
+class TorquePrediction(SimpleNamespace):
     """Errors of the torques that estimates of dynamic parameters predict along a motion.
 
     Attributes:
@@ -423,29 +418,21 @@ class TorquePrediction:
         share_first, share_last: the first and the last error relative to the torques.
     """
 
-    rms: float
-    error_first: float
-    error_last: float
-    identifiable: int
-    identifiable_error: float | None
-    not_excited: tuple[str, ...]
-    share_first: float
-    share_last: float
-
-    @classmethod
-    def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
+    def __init__(self, torques: MotionTorques, truth: np.ndarray | None) -> None:
         """Take the numbers of a motion, with the true parameters (p) or None."""
         excited = torques.excited
-        left = None
         ends = (torques.first, torques.sums.at)
+        self.rms = torques.sums.size
+        self.error_first, self.error_last = map(torques.sums.error, ends)
+        self.identifiable = excited.rank
+        self.identifiable_error = None
         if truth is not None:
             before, after = (excited.distance(a, truth) for a in ends)
-            left = after / before if before > 0.0 else None
-        first, last = map(torques.sums.error, ends)
-        still = tuple(compress(excited.names, excited.still))
-        size = torques.sums.size
-        shares = (error / max(size, np.finfo(float).tiny) for error in (first, last))
-        return cls(size, first, last, excited.rank, left, still, *shares)
+            self.identifiable_error = after / before if before > 0.0 else None
+        self.not_excited = tuple(compress(excited.names, excited.still))
+        size = max(self.rms, np.finfo(float).tiny)
+        self.share_first = self.error_first / size
+        self.share_last = self.error_last / size
 
 
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:

@@ -38,7 +38,6 @@ from .information import Information, dynamic_information, estimate_table
 LEAST_NOISE = 1e-4
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class PayloadEstimate(Printed):
     """A load on the last body and its uncertainty; ``print`` shows a table.
 
@@ -55,28 +54,15 @@ class PayloadEstimate(Printed):
             described.
     """
 
-    mass: float
-    mass_known_to: float
-    com: np.ndarray
-    com_known_to: np.ndarray
-    inertia: np.ndarray
-    inertia_known_to: np.ndarray
-    explained: float = 1.0
-
-    @classmethod
-    def of(
-        cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
-    ) -> PayloadEstimate:
+    def __init__(self, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0) -> None:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        return cls(
-            float(value[0]),
-            float(deviation[0]),
-            value[1:4],
-            deviation[1:4],
-            value[4:],
-            deviation[4:],
-            explained,
-        )
+        self.mass = float(value[0])
+        self.mass_known_to = float(deviation[0])
+        self.com = value[1:4]
+        self.com_known_to = deviation[1:4]
+        self.inertia = value[4:]
+        self.inertia_known_to = deviation[4:]
+        self.explained = explained
 
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +135,7 @@ def payload_estimate(
     load = replace(load, R=R / noise, c=(change.c + left) / noise)
     value, gradient = of_load(robot, load.estimate)
     share = 1.0 - squared / squared_without_load if squared_without_load > 0.0 else 1.0
-    return PayloadEstimate.of(value, load.deviation(gradient), share)
+    return PayloadEstimate(value, load.deviation(gradient), share)
 
 
 def payload_of_uncertain_arm(
@@ -173,7 +159,7 @@ def payload_of_uncertain_arm(
     likeliest = ArmPrior.likeliest(robot, dynamics, found)
     value, known = payload_estimate(controller, found, likeliest).numbers
     own, _ = plain.numbers
-    return PayloadEstimate.of(own, np.hypot(known, value - own), plain.explained)
+    return PayloadEstimate(own, np.hypot(known, value - own), plain.explained)
 
 
 def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

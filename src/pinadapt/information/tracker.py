@@ -14,7 +14,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -110,7 +109,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     own: TrackerKinematics = instance(kinematics, TrackerKinematics, "kinematics", LogError)
     reach = own.robot.reach
     a = own.initial
-    seen = _Seen.of(own, samples)
+    seen = _Seen(own, samples)
     x = seen.x
     motion = spread(seen.p)
     X, left, _ = seen.rows(a)
@@ -160,7 +159,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             pixels, of another point, or of another clock.
     """
     own: CameraKinematics = instance(kinematics, CameraKinematics, "kinematics", LogError)
-    seen = _Seen.of(own, samples)
+    seen = _Seen(own, samples)
     motion = spread(seen.x)
     size = motion / spread(seen.p)
     if size > 10.0:
@@ -191,7 +190,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     return Information.of_rows(own.names, a, W, 0.0 * left, prior=known)
 
 
-class _Seen(NamedTuple):
+class _Seen:
     """N frames of a motion.
 
     Attributes:
@@ -201,32 +200,26 @@ class _Seen(NamedTuple):
         p: (N, 3) described positions in the axes of the base [m].
     """
 
-    kinematics: TrackerKinematics | CameraKinematics
-    q: np.ndarray
-    v: np.ndarray
-    x: np.ndarray
-    p: np.ndarray
-
-    @classmethod
-    def of(
-        cls, kinematics: TrackerKinematics | CameraKinematics, samples: Sequence[Measurement]
-    ) -> _Seen:
+    def __init__(
+        self, kinematics: TrackerKinematics | CameraKinematics, samples: Sequence[Measurement]
+    ) -> None:
         """Take the frames of measurements.
 
         Raises:
             LogError: fewer than four, or they hardly move.
         """
-        q, v, x = frames(kinematics, samples)
-        p = np.array([kinematics.robot.placement(each).translation for each in q]).reshape(-1, 3)
-        moved = min(spread(part) if len(part) else 0.0 for part in (p, x))
-        if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
+        robot = kinematics.robot
+        self.kinematics = kinematics
+        self.q, self.v, self.x = frames(kinematics, samples)
+        self.p = np.array([robot.placement(q).translation for q in self.q]).reshape(-1, 3)
+        moved = min(spread(part) if len(part) else 0.0 for part in (self.p, self.x))
+        if len(self.p) < 4 or moved < LEAST_WAY * robot.reach:
             raise LogError(
-                f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the camera or "
+                f"{len(self.p)} frames of a motion of {moved:.2g} (rms) do not show the camera or "
                 "tracker.",
                 hint="Move every joint, such that the frame moves by some hundredths of the reach, "
                 "and x with it: does the tracker or camera run, or repeat its last frame?",
             )
-        return cls(kinematics, q, v, x, p)
 
     def rows(self, a: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return slopes (N, m_p, p), residuals and rates (N, m_p) at parameters a (p)."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,15 +45,15 @@ class TorqueErrors:
     @property
     def size(self) -> float:
         """Root mean square of the torques, all joints together [N m or N]."""
-        return _rms(self.tau)
+        return rms(self.tau)
 
     def error(self, a: np.ndarray) -> float:
         """Return the root mean square error of the torques at a (p) [N m or N]."""
-        return _rms(self.residual - self.Y @ (a - self.at))
+        return rms(self.residual - self.Y @ (a - self.at))
 
     def relative_error(self, a: np.ndarray) -> float:
         """Return the error at a (p) with each joint in shares of its own torque, rms of both."""
-        return _rms((self.residual - self.Y @ (a - self.at)) / self._levels)
+        return rms((self.residual - self.Y @ (a - self.at)) / self._levels)
 
     def excited(self, names: Sequence[str], root: np.ndarray) -> Excited:
         """Return what the motion excites of p parameters with the scales L (p, p)."""
@@ -62,13 +63,14 @@ class TorqueErrors:
     @property
     def _levels(self) -> np.ndarray:
         """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
-        levels = np.sqrt(np.mean(self.tau**2, axis=0))
+        levels = rms(self.tau, 0)
         return np.maximum(levels, max(IDENTIFIABLE * levels.max(initial=0.0), 1e-12))
 
 
-def _rms(values: np.ndarray) -> float:
-    """Return the root mean square of some values."""
-    return float(np.sqrt(np.mean(values**2)))
+def rms(values: np.ndarray, axis: int | None = None) -> Any:
+    """Return the root mean square of all numbers, or along an axis."""
+    found = np.sqrt(np.mean(np.square(values), axis=axis))
+    return float(found) if axis is None else found
 
 
 class Excited:
@@ -96,7 +98,7 @@ class Excited:
         self.root = root
         values, vectors = np.linalg.eigh(root.T @ squares @ root)
         self.effects = np.sqrt(np.maximum(values[::-1], 0.0))
-        self._vectors = vectors = vectors[:, ::-1]
+        vectors = vectors[:, ::-1]
         self.rank = rank = int(np.count_nonzero(self.effects > IDENTIFIABLE))
         every = np.linalg.solve(root.T, vectors).T
         self.combinations = every[:rank]

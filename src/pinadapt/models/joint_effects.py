@@ -116,7 +116,7 @@ class JointEffects:
         self.names = tuple(pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(signed))
-        slides = list(robot.slides.values())
+        slides = robot.sliding.tolist()
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs.values())
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]

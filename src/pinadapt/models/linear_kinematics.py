@@ -28,7 +28,7 @@ from numpy import empty
 
 from .._checks import ROUNDING
 from .._kernels import models as kernels
-from ..description.chain import axis_of, frame_id, is_slide
+from ..description.chain import axis_of, is_slide
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
@@ -45,6 +45,7 @@ from .translations import (
 )
 
 GEOMETRY = "geometry"
+DISPLACEMENTS = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
 # [rad] and share of the reach: standard deviations of a description; half, twice: calibrated errors
 # the same to 3 %, those of a geometry learned in motion 13 to 21 % larger
 TURN, SHIFT = 0.02, 0.005
@@ -89,20 +90,17 @@ class Columns(NamedTuple):
         bounds: (2, p) where the parameters stay by default.
     """
 
-    names: tuple[str, ...]
-    joints: np.ndarray
-    motions: np.ndarray
-    initial: np.ndarray
-    sizes: np.ndarray
-    bounds: np.ndarray
+    names: tuple[str, ...] = ()
+    joints: np.ndarray = np.zeros(0, dtype=np.int64)
+    motions: np.ndarray = np.zeros((6, 0))
+    initial: np.ndarray = np.zeros(0)
+    sizes: np.ndarray = np.zeros(0)
+    bounds: np.ndarray = np.zeros((2, 0))
 
 
 def stacked(parts: Iterable[Columns]) -> Columns:
     """Return the columns of some placements, one placement after the other."""
-    none = np.zeros(0)
-    no = np.zeros(0, dtype=np.int64)
-    empty_one = Columns((), no, np.zeros((6, 0)), none, none, np.zeros((2, 0)))
-    names, *arrays = zip(empty_one, *parts, strict=True)
+    names, *arrays = zip(Columns(), *parts, strict=True)
     return Columns(sum(names, ()), *(np.concatenate(each, axis=-1) for each in arrays))
 
 
@@ -135,7 +133,7 @@ def columns_of_geometry(robot: Robot) -> Columns:
     next placement has the same effect.
     """
     model = robot.model
-    labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
+    labels = np.array(DISPLACEMENTS)
     off = np.repeat([SHIFT * robot.reach, TURN], 3)
 
     (tool,) = unknown_translations(robot, TOOL)
@@ -173,19 +171,15 @@ class _ObservedChain:
     """
 
     def __init__(
-        self,
-        model: pin.Model,
-        frames: Sequence[int],
-        columns: Columns,
-        constants: np.ndarray,
-        entries: np.ndarray,
+        self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
     ) -> None:
-        """Use a nominal model, its frames, its columns, and a map as the kernel takes it."""
+        """Use a nominal robot, its columns, and a map as the kernel takes it."""
+        model = robot.model
         self._model = model.copy()
-        self.frames = frames
         self._data = data = self._model.createData()
-        ends = [model.frames[frame] for frame in frames]
-        f = len(frames)
+        self.frames = robot.frame_ids
+        ends = [model.frames[frame] for frame in self.frames]
+        f = len(ends)
         places = [*model.jointPlacements[1:], *(end.placement for end in ends)]
         origins = np.array([place.translation for place in places])
         joints = np.append(model.njoints + np.arange(f), columns.joints)  # tools count as joints
@@ -256,9 +250,7 @@ class LinearKinematics(TaskKinematics):
             entries: (K, 4) a parameter, 0 for N or 1 for D, and the row and column that it adds to.
         """
         m, width = N.shape
-        model = self.robot.model
         self.columns = columns
-        frames = [frame_id(model, name) for name in self.robot.frames]
         turning = self.task.size - m  # rows of rotations, that in N once more
         self._of_pose = turning > 0
         constants = np.zeros((2, m + turning, width + turning))
@@ -268,7 +260,7 @@ class LinearKinematics(TaskKinematics):
         again = entries[entries[:, 3] < turning] + [0, 0, m, width]
         self._entries = np.concatenate([entries, again])
         self._now, self._past = (
-            _ObservedChain(model, frames, columns, constants, self._entries) for _ in range(2)
+            _ObservedChain(self.robot, columns, constants, self._entries) for _ in range(2)
         )
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
@@ -442,11 +434,8 @@ class FrameKinematics(LinearKinematics):
         m = self.positions
         self.translations = own * f
         columns = columns_of_geometry(robot) if whole else stacked(translated(robot, own))
-        self.names = columns.names
-        self.size = len(columns.names)
-        self.initial = columns.initial
-        self.sizes = columns.sizes
-        self.bounds = columns.bounds
+        self.names, _, _, self.initial, self.sizes, self.bounds = columns
+        self.size = len(self.names)
         frames = np.repeat(range(f), m // f)
         rows = np.tile(np.arange(3)[self.task.place], f)
         moved = np.maximum(columns.joints - robot.model.njoints, 0)  # the frame of each column

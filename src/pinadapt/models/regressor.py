@@ -7,6 +7,7 @@ bodies, in the order of ``LABELS``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -152,19 +153,17 @@ class Regressor:
         return Y_M, Y_0
 
 
+@dataclass(eq=False)
 class VirtualChains:
-    """Torque, mass matrix and regressors of virtual chains together, in the parameters a (p)."""
+    """Torque, mass matrix and regressors of virtual chains together, in the parameters a (p).
 
-    def __init__(
-        self, chains: Sequence[Regressor], columns: Sequence[int], armature: np.ndarray
-    ) -> None:
-        """Use k chains without rotors, the rotors (n), and which of 10 n k columns count.
+    They are k chains without rotors, the columns (p) that count among the 10 n k of their
+    regressors side by side, and the rotors (n).
+    """
 
-        The columns (p) are those of the chains' regressors side by side.
-        """
-        self._chains = chains
-        self._columns = columns
-        self._armature = armature
+    _chains: Sequence[Regressor]
+    _columns: Sequence[int]
+    _armature: np.ndarray
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""

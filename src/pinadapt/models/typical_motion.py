@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ..robot.motors import torque_bounds
 from ..robot.robot import Robot
 from .dynamics import Dynamics
 from .regressor import SAMPLES
@@ -65,7 +66,7 @@ class TypicalMotion:
         efforts: np.ndarray | None = None,
     ) -> None:
         """Use the nominal robot, its models, the bandwidth [rad/s] and the limits of the motors."""
-        self.efforts = np.full(robot.model.nv, np.inf) if efforts is None else efforts
+        self.efforts = torque_bounds(efforts, robot.model.nv)
         self.robot = robot.undrawn()
         self.bandwidth = bandwidth
         self.kinematics = kinematics

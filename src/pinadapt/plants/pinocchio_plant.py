@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ..models.typical_motion import joint_inertia
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..tasks.task import Moving
@@ -47,7 +48,7 @@ class FittedMidpoint:
         self._theta = 0.5
         self._data = self._model.createData()
         self._rotors = np.array(robot.model.armature)
-        self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
+        self._inertia = joint_inertia(robot)
         self._constraints = robot.constrained
         self._free = not (robot.friction.present or robot.constraints)
 

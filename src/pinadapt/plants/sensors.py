@@ -71,7 +71,7 @@ class SimulatedSensors:
         self._deviations = self.task.per_row(sensors.deviation("x"), angle)
         counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
         self._counted = counts > 0.0
-        self._count = np.where(counts > 0.0, counts, 1.0)
+        self._count = np.where(self._counted, counts, 1.0)
         self._dt = dt
         self._camera = sensors.camera or Camera()
         self._spacing = max(1.0, 1.0 / ((self._camera.rate or math.inf) * dt))

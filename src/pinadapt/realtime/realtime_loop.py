@@ -113,31 +113,32 @@ class RunResult:
         return str(Report(f"loop, {self.reason}", [histogram, Table(rows)]))
 
 
+@dataclass(eq=False)
 class _Ramp(TimeLaw):
     """The rate of the path's time s rises from 0 to 1 within a while, or falls where it ``halts``.
 
     At the instant ``begin`` [s], when it begins to change, the path's time is ``place`` [s].
     """
 
-    def __init__(self, begin: float, place: float, *, halts: bool) -> None:
-        self._begin = begin
-        self._place = place
-        self._halts = halts
-        self._start = SmoothStart(_HALT)
+    begin: float
+    place: float
+    halts: bool
+
+    _start = SmoothStart(_HALT)
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
-        since = t - self._begin
+        since = t - self.begin
         s, rate, acceleration = self._start.at(since)
-        if self._halts:
+        if self.halts:
             s = since - s
             rate = 1.0 - rate
             acceleration = -acceleration
-        return self._place + s, rate, acceleration
+        return self.place + s, rate, acceleration
 
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s], moving."""
-        return self._begin + s - self._place
+        return self.begin + s - self.place
 
 
 class RealtimeLoop:

@@ -22,6 +22,7 @@ from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError
 from ..models.typical_motion import joint_inertia
 from ..records import Measurement
+from ..robot.motors import torque_bounds
 from ..simulation.loop import STILL
 from .arm import ArmFacts
 from .recorder import Phase
@@ -142,9 +143,8 @@ class Checklist:
         self._safety = safety
         self._period = facts.period
         self._joints = robot.joint_names
-        self.limit = np.minimum(facts.torque, effort_limits(model))
-        if controller.limits.torque is not None:
-            self.limit = np.minimum(self.limit, controller.limits.torque)
+        declared = torque_bounds(controller.limits.torque, n)
+        self.limit = np.minimum.reduce([facts.torque, effort_limits(model), declared])
         rate = joint_numbers(safety.torque_rate, "safety.torque_rate", n, infinite=True)
         self.rate = np.minimum(rate, facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))

@@ -234,6 +234,11 @@ def torque_limits(
     return bounds if np.isfinite(bounds).any() else None
 
 
+def torque_bounds(limits: np.ndarray | None, size: int) -> np.ndarray:
+    """Return torque limits (n), those of ``size`` joints without limits where there are none."""
+    return np.full(size, np.inf) if limits is None else limits
+
+
 def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") -> str | None:
     """Return a message if the motors cannot hold a robot at its home pose against gravity, or None.
 

@@ -118,10 +118,14 @@ class Robot(Printed):
         return tuple(self.task.frames) or (self.frame,)
 
     @property
+    def frame_ids(self) -> list[int]:
+        """Indices of all task frames in ``model.frames``."""
+        return [frame_id(self.model, name) for name in self.frames]
+
+    @property
     def carriers(self) -> list[int]:
         """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
-        model = self.model
-        bodies = {model.frames[frame_id(model, name)].parentJoint - 1 for name in self.frames}
+        bodies = {self.model.frames[frame].parentJoint - 1 for frame in self.frame_ids}
         return sorted(map(int, bodies))
 
     def check_single_frame(self) -> None:
@@ -171,7 +175,12 @@ class Robot(Printed):
     @property
     def slides(self) -> dict[str, bool]:
         """Joint name -> whether the joint is prismatic."""
-        return dict(zip(self.joint_names, map(is_slide, self.model.joints[1:]), strict=True))
+        return dict(zip(self.joint_names, self.sliding.tolist(), strict=True))
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Whether each joint (nv) is prismatic."""
+        return np.array(list(map(is_slide, self.model.joints[1:])))
 
     @property
     def home_angles(self) -> np.ndarray:
@@ -184,10 +193,10 @@ class Robot(Printed):
 
         Of several frames the longest.
         """
+        model = self.model
         if len(self.frames) == 1:
-            return reach(self.model, self.frame_id)
-        ends = [frame_id(self.model, name) for name in self.frames]
-        return max(reach(self.model, end, chain_joints(self.model, end)) for end in ends)
+            return reach(model, self.frame_id)
+        return max(reach(model, end, chain_joints(model, end)) for end in self.frame_ids)
 
     @property
     def mass(self) -> float:

@@ -182,7 +182,7 @@ def find_swing(robot: Robot) -> Sinusoid:
     period = _PERIOD * sqrt(max(robot.reach, 1.0)) * np.linspace(1.0, 1.5, model.nv)
     period = np.round(period, 1)
     most = np.minimum(
-        np.where(list(robot.slides.values()), 0.1, 0.3),  # [m], [rad]
+        np.where(robot.sliding, 0.1, 0.3),  # [m], [rad]
         SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - _margin(lower, upper)
@@ -270,7 +270,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     distances = robot.mounting.distances(model, tool.frame_id, places)
     if distances[0] >= 0.0 > distances.min():
         return None
-    speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
+    speeds = np.where(robot.sliding, _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, SHARE * velocity_limits(model))
     return least, float((fastest * _STEPS / speeds).max())
 

@@ -417,7 +417,7 @@ class Recording:
         truth = self.a_d_true
         if torques is None:
             return None
-        return TorquePrediction.of(torques, truth if truth is None else np.atleast_2d(truth)[-1])
+        return TorquePrediction(torques, truth if truth is None else np.atleast_2d(truth)[-1])
 
     @cached_property
     def not_identified(self) -> tuple[str, ...]:

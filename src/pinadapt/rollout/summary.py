@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, TypeAlias
@@ -80,7 +79,7 @@ def summary(run: Recording) -> Numbers:
         "wall_time_s": run.wall_time,
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
-        "torque_prediction": run.prediction and asdict(run.prediction),
+        "torque_prediction": run.prediction and vars(run.prediction),
         "changes": [
             {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients

@@ -371,15 +371,13 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         check_writable(folder)
         for name in (TABLE, JOURNAL):
             (folder / name).unlink(missing_ok=True)
-        plan.save(folder)
-        return folder
-    if not plan.is_in(folder):
+    elif not plan.is_in(folder):
         raise InputError(
             "holds another sweep, or one of another version.",
             where=folder,
             hint="Take another folder by --out, or begin anew by --force.",
         )
-    if not resume:
+    elif not resume:
         raise InputError(
             f"holds this sweep already, {len(read(folder))} of {len(plan.cases)} cases.",
             where=folder,

@@ -197,10 +197,9 @@ def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
         return f"The defaults are better: {words}, and {lost} more cases are lost.", False
     if lost < 0 and best.objective < default.objective:
         return f"The gains found are better: {words} ({-lost} cases fewer are lost).", True
-    words += f" (chance alone: {percent(p)})."
-    if best.objective < 0.9 * default.objective and p < 0.05:
-        return f"The gains found are better: {words}", True
-    return f"The defaults are as good: {words}", False
+    better = bool(best.objective < 0.9 * default.objective and p < 0.05)
+    outcome = "gains found are better" if better else "defaults are as good"
+    return f"The {outcome}: {words} (chance alone: {percent(p)}).", better
 
 
 def _amount(value: float) -> str:

@@ -269,19 +269,21 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
     """
     try:
         start = motion.at(0.0)
-        if task is not None and np.size(start.x_d) != task.coordinates:
-            raise InputError(
-                f"the desired motion has {np.size(start.x_d)} coordinates, the task '{task.name}' "
-                f"{task.coordinates}.",
-                where="trajectory",
-            )
-        sizes: Any = (None,) * 3 if task is None else (task.coordinates, task.size, task.size)
-        if task is not None and np.size(start.xd_d) == task.coordinates != task.size:
-            raise InputError(
-                f"velocities of the task '{task.name}' have {task.size} numbers.",
-                where="trajectory.xd_d",
-                hint="Motions of poses: PoseTrajectory(position, orientation), or (t, x).",
-            )
+        sizes: Any = (None,) * 3
+        if task is not None:
+            sizes = task.coordinates, task.size, task.size
+            if np.size(start.x_d) != task.coordinates:
+                raise InputError(
+                    f"the desired motion has {np.size(start.x_d)} coordinates, the task "
+                    f"'{task.name}' {task.coordinates}.",
+                    where="trajectory",
+                )
+            if np.size(start.xd_d) == task.coordinates != task.size:
+                raise InputError(
+                    f"velocities of the task '{task.name}' have {task.size} numbers.",
+                    where="trajectory.xd_d",
+                    hint="Motions of poses: PoseTrajectory(position, orientation), or (t, x).",
+                )
         for name, size in zip(Desired._fields, sizes, strict=True):
             value = vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
             if name == "x_d" and task is not None and (flaw := task.flaw(value)):

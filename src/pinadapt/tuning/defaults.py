@@ -214,11 +214,6 @@ def quiet_start(adaptation: Adaptation, value: np.ndarray) -> Estimate:
         return adaptation.init(value)
 
 
-def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
-    """Return the typical parameters, moved into the adaptation's domain, as at a start."""
-    return quiet_start(adaptation, motion.dynamics.typical)
-
-
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive.
 
@@ -235,5 +230,6 @@ def mean_diagonal(
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
     Y = np.array(regressors)
     X = Y.reshape(len(Y) * Y.shape[1], -1).T
-    squares = np.sum(X * adaptation.gain_times(typical_start(adaptation, motion), X), axis=0)
+    start = quiet_start(adaptation, motion.dynamics.typical)
+    squares = np.sum(X * adaptation.gain_times(start, X), axis=0)
     return squares.reshape(Y.shape[:2]).mean(axis=0)

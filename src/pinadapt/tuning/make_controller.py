@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import isinf
@@ -16,7 +15,7 @@ from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.least_squares import LeastSquares
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
-from ..controller.first_samples import make_first_samples
+from ..controller.first_samples import FirstSamples
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.residuals import make_guards
 from ..controller.sensing import Senses
@@ -58,6 +57,7 @@ from .rates import (
 from .rates import kinematic_adaptation as moved_kinematics
 from .unknowns import (
     Unknown,
+    UnknownLike,
     lumped_lengths,
     nominal_dynamics,
     nominal_kinematics,
@@ -73,7 +73,7 @@ def make_controller(
     adaptation: str | Adaptation | None = None,
     kinematic_adaptation: str | Adaptation | None = None,
     modifications: Given = None,
-    unknown: Unknown | str | Sequence[str] | None = None,
+    unknown: UnknownLike = None,
     sensors: Sensors | None = None,
     limits: Limits | None = None,
     payload: Load = None,
@@ -190,8 +190,9 @@ def make_controller(
     low_pass = None if isinf(velocity) else LowPass(velocity, "velocity filter")
     first = None
     watched = limits.watched
-    if watched["gravity"]:
-        first = make_first_samples(robot, nominal.unloaded, sensors, compensation, dt)
+    falls = compensation is None and not robot.constraints and robot.model.gravity.linear.any()
+    if watched["gravity"] and falls:
+        first = FirstSamples(robot, nominal.unloaded, sensors, dt)
     span = kinematics.bounds if box is None else box
     guards = make_guards(robot, kinematics, watched, quality, box=span, sensors=sensors, dt=dt)
     senses = Senses(guards, compensator, low_pass, quality, sensors, watched["time"], first)

@@ -29,8 +29,8 @@ from .defaults import (
     gradient_shape,
     mean_diagonal,
     prior_variances,
+    quiet_start,
     rate_for,
-    typical_start,
     typical_torques,
 )
 from .noise import Tuning
@@ -250,7 +250,7 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
     mode = tuning.law.prediction_mode
     low_pass = tuning.rate("prediction_filter", w)
     torques = typical_torques(moved, motion)
-    Gamma = moved.gain(typical_start(moved, motion))
+    Gamma = moved.gain(quiet_start(moved, motion.dynamics.typical))
     if kind in MEMORIES:
         rate = tuning.rate("prediction_rate", mode * w)
         dynamics = motion.dynamics

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from .._checks import flag, instance, located, name_list, word
 from ..adaptation.natural import MatrixInequality
@@ -130,7 +130,7 @@ class Unknown:
             )
 
     @classmethod
-    def of(cls, given: Unknown | str | Sequence[str] | None) -> Unknown:
+    def of(cls, given: UnknownLike) -> Unknown:
         """Return what is unknown, given as such, by words, or by None for the default.
 
         Raises:
@@ -192,6 +192,10 @@ class Unknown:
         if TOOL not in named and (self.tool or (self.tool is None and tool and not covered)):
             words.append(TOOL)
         return words
+
+
+UnknownLike: TypeAlias = Unknown | str | Sequence[str] | None
+"""What ``Unknown.of`` takes."""
 
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:

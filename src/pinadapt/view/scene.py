@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from .._output import Record, as_json
 from ..controller.controller import Controller
 from ..controller.state import Sample
-from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import ImageTask
@@ -57,7 +56,7 @@ def motion_of(
     model = robot.model.copy()
     motion = []
     data = model.createData()
-    ends = [frame_id(model, name) for name in robot.frames]
+    ends = robot.frame_ids
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
@@ -168,7 +167,7 @@ class DrawnRobot:
     def stick_figure(self, material: Material) -> None:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
         model = self.robot.model
-        tips = [model.frames[frame_id(model, name)].parentJoint for name in self.robot.frames]
+        tips = [model.frames[frame].parentJoint for frame in self.robot.frame_ids]
         _, *self._bones = enumerate([*model.parents, *tips])  # none ends at the base
         for joint in range(model.njoints):
             self.node[f"joint {joint}"]["ball"].set_object(Sphere(0.04 * self.size), material)
