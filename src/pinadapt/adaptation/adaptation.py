@@ -305,11 +305,13 @@ class Wrapper(Adaptation):
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
+        if not self._parts:
+            return estimate
         return Estimate(estimate.value, estimate.memory[self._parts :])
 
     def _outer(self, own: tuple, inner: Estimate) -> Estimate:
         """Return an inner adaptation's estimate with these own parts before its memory."""
-        return Estimate(inner.value, (*own, *inner.memory))
+        return Estimate(inner.value, (*own, *inner.memory)) if self._parts else inner
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with this one's parts before its memory."""
@@ -400,6 +402,7 @@ class Stacked(Adaptation):
             self.parts.append((instance(part, Adaptation, "parts"), slice(start, end)))
         self.name = parts[0][0].name
         self.sources = tuple(source for part, _ in parts for source in part.sources)
+        self._empty = ((),) * len(parts)
         bandwidths = (part.torque_bandwidth for part, _ in parts)
         self.torque_bandwidth = next(filter(None, bandwidths), None)
 
@@ -427,10 +430,14 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        after = [
-            part.step(own, drive.columns(block), dt) for part, block, own in self._split(estimate)
-        ]
-        return self._joined(after)
+        before = estimate.value
+        value = np.empty(before.size)
+        after = []
+        for (part, block), own in zip(self.parts, self._memories(estimate), strict=True):
+            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
+            value[block] = moved.value
+            after.append(moved.memory)
+        return Estimate(value, tuple(after))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
@@ -450,14 +457,18 @@ class Stacked(Adaptation):
             [part.gain_times(own, X[block]) for part, block, own in self._split(estimate)]
         )
 
-    def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
-        """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or ((),) * len(self.parts)
+    def _memories(self, estimate: Estimate) -> tuple[Any, ...]:
+        """Return the memory of each block."""
+        memories = estimate.memory or self._empty
         if len(memories) != len(self.parts):
             raise InputError("the estimate is that of another adaptation.", where="state")
+        return memories
+
+    def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
+        """Return each adaptation with its block and that block's estimate."""
         return [
             (part, block, Estimate(estimate.value[block], own))
-            for (part, block), own in zip(self.parts, memories, strict=True)
+            for (part, block), own in zip(self.parts, self._memories(estimate), strict=True)
         ]
 
     def _joined(self, blocks: Sequence[Estimate]) -> Estimate:
