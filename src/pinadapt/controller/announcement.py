@@ -132,5 +132,5 @@ def _with_tool(
     raise ParameterError(
         f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",
         where="tool_translation",
-        hint='Adapt the whole translation of the tool: unknown=pa.Unknown(tool=True).',
+        hint="Adapt the whole translation of the tool: unknown=pa.Unknown(tool=True).",
     )

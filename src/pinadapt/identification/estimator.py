@@ -38,7 +38,7 @@ from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
 from ..models.task_kinematics import JointKinematics
-from ..plants.mujoco_plant import write_inertia
+from ..plants.mujoco_plant import inertia_in, write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.robot import LOAD, Robot
@@ -184,29 +184,36 @@ class Estimate:
     def write(self, model: Any) -> None:
         """Write bodies, rotors and friction into a MuJoCo model of the same joints, in place.
 
-        What is welded to a body in it loses its mass, as the body contains it. What other joints
-        move, such as fingers, keeps its own, so it should not be part of the robot's bodies. Call
-        ``mujoco.mj_setConst`` after it.
+        A body of the robot contains what the model's carries: what is welded to that loses its
+        mass, and what other joints move, such as fingers, is subtracted where it is at ``qpos0``.
+        Call ``mujoco.mj_setConst`` after it.
 
         Raises:
             KeyError: the model lacks a joint.
         """
         chain = self.robot.model
         friction = self.robot.friction
-        for i, name in enumerate(self.robot.joint_names, start=1):
-            if name in BASE_JOINTS[:-1]:
-                continue
-            joint = model.joint(0 if name in BASE_JOINTS else name)
-            at = model.jnt_bodyid[joint.id]
+        joints = {
+            i: model.joint(0 if name in BASE_JOINTS else name)
+            for i, name in enumerate(self.robot.joint_names, start=1)
+            if name not in BASE_JOINTS[:-1]
+        }
+        own = [model.jnt_bodyid[joint.id] for joint in joints.values()]
+        carriers = np.arange(model.nbody)
+        for body, parent in enumerate(model.body_parentid):
+            carriers[body] = body if body in own else carriers[parent]
+        for (i, joint), at in zip(joints.items(), own, strict=True):
             label = model.body(at).name
             body = chain.inertias[i]
             if chain.existFrame(label):
                 body = chain.frames[chain.getFrameId(label)].placement.actInv(body)
             welded = model.body_weldid == at
+            for other in np.flatnonzero((carriers == at) & ~welded):
+                body -= inertia_in(model, int(other), at)
             model.body_mass[welded] = 0.0
             model.body_inertia[welded] = 0.0
             write_inertia(model, at, body)
-            if name not in BASE_JOINTS:
+            if joint.name in self.robot.joint_names:
                 dof = joint.dofadr[0]
                 model.dof_armature[dof] = chain.armature[i - 1]
                 model.dof_damping[dof] = friction.viscous[i - 1]

@@ -244,6 +244,17 @@ def write_inertia(model: mujoco.MjModel, body: int, inertia: pin.Inertia) -> Non
     model.body_inertia[body] = moments
 
 
+def inertia_in(model: mujoco.MjModel, body: int, frame: int) -> pin.Inertia:
+    """Return the inertia of a body in the axes of another one, both where they are at ``qpos0``."""
+    mj = mujoco_module()
+    data = mj.MjData(model)
+    mj.mj_kinematics(model, data)
+    place = pin.SE3(data.ximat[body].reshape(3, 3), data.xipos[body])
+    axes = pin.SE3(data.xmat[frame].reshape(3, 3), data.xpos[frame])
+    moments = np.diag(model.body_inertia[body])
+    return axes.actInv(place).act(pin.Inertia(model.body_mass[body], np.zeros(3), moments))
+
+
 def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     """Give Coulomb friction the slope of ``Friction`` at low velocity.
 
