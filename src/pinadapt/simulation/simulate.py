@@ -170,6 +170,8 @@ def simulate(
     events.check(controller, state)
     for finding in findings(true, controller, engine, sensors):
         warnings.warn(finding, stacklevel=3)
+    if late := [at for at in (*events.changes, *events.announcements) if at >= duration]:
+        warnings.warn(f"the run ends before its events at {late} s.", stacklevel=3)
     sampled = partial(run, sensors=None if sensors.perfect else simulated)
     drive: Any = run_continuous if engine.continuous else sampled
     stream = drive(
