@@ -19,7 +19,7 @@ from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..description.chain import angles_from_configuration, position_limits
-from ..exceptions import ContactError, DivergedError, InputError
+from ..exceptions import ContactError, DivergedError, InputError, PinadaptError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..laws.posture import Posture
@@ -32,7 +32,7 @@ from ..robot.changes import Load
 from ..robot.motors import Compensation, LateTorque, torque_bounds, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
-from ..trajectories.trajectory import Trajectory
+from ..trajectories.trajectory import Trajectory, failed
 from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
@@ -293,7 +293,7 @@ class Controller:
         chain rule; without one ``motion.at(t)``.
 
         Raises:
-            InputError: a motion without ``at``.
+            InputError: a motion without ``at``, or one that failed there.
         """
         if not hasattr(motion, "at"):
             raise InputError(
@@ -301,7 +301,12 @@ class Controller:
                 where="motion",
                 hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
             )
-        return motion.at(t) if state.path is None else state.path.desired(motion, t)
+        try:
+            return motion.at(t) if state.path is None else state.path.desired(motion, t)
+        except PinadaptError:
+            raise
+        except Exception as reason:  # whatever an object of the user raises
+            raise failed(t, reason) from reason
 
     def announce(
         self,
