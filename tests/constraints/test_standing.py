@@ -218,7 +218,7 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     load = pa.Payload(11.0, [0.2 * high, 0.08 * high, 0.32 * high])
     true = robot.changed(payload=load)
     controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
-    run = pa.simulate(true, controller, Sway(robot), duration=2.4, engine="mujoco", progress=False)
+    run = pa.simulate(true, controller, Sway(robot), duration=2.4, engine="mujoco")
     trunk = true.model.inertias[6]
     assert run.distance.max() < 4e-3 and run.distance[-400:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02

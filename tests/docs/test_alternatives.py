@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.contenders import (
-    CONTENDERS,
-    SENSORS,
-    Setting,
-)
+from benchmarks.contenders import CONTENDERS, SENSORS, Setting
 from tests.support.chains import catalogue_robot
 
 OFFSET = np.array([0.0, 0.02, 0.03])  # [m] of the tool, in the frame's axes

@@ -98,7 +98,7 @@ class Excited:
         self.root = root
         values, vectors = np.linalg.eigh(root.T @ squares @ root)
         self.effects = np.sqrt(np.maximum(values[::-1], 0.0))
-        vectors = vectors[:, ::-1]
+        self._vectors = vectors = vectors[:, ::-1]
         self.rank = rank = int(np.count_nonzero(self.effects > IDENTIFIABLE))
         every = np.linalg.solve(root.T, vectors).T
         self.combinations = every[:rank]
