@@ -47,7 +47,7 @@ def test_a_load_is_found_while_walking():
     true = robot.changed(payload=pa.Payload(mass=6.0, com=(0.05, 0.02, 0.08)))
     controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
     crawl = Crawl(steps=3).on(robot)
-    rollout = pa.simulate(true, controller, crawl, duration=3.4, engine="mujoco", progress=False)
+    rollout = pa.simulate(true, controller, crawl, duration=3.4, engine="mujoco")
     assert rollout.distance.max() < 2e-3 and rollout.distance[-250:].max() < 2e-4
     model = robot.model
     data = robot.model.createData()
@@ -71,7 +71,7 @@ def test_a_load_is_found_while_walking():
     assert abs(load.mass - 6.0) < 0.1
     assert np.allclose(load.com, (0.05, 0.02, 0.08), atol=0.01)
     with pytest.raises(pa.exceptions.LogError, match="moves by"):
-        pa.identify(rollout, robot, unknown="payload", progress=False)
+        pa.identify(rollout, robot, unknown="payload")
 
 
 def with_feet(robot, q, places, legs=range(4)):

@@ -27,7 +27,7 @@ def standing(name, **options):
     return pa.load(name, base="free", contacts=FEET[name], **options)
 
 
-def test_a_free_base_is_six_joints_without_motors():
+def test_a_free_base_is_six_joints_without_motors(tmp_path):
     robot = standing("a1")
     assert robot.model.nv == 18 and robot.motors.tolist() == [False] * 6 + [True] * 12
     model = robot.model
@@ -44,10 +44,14 @@ def test_a_free_base_is_six_joints_without_motors():
     base = rng.uniform(-0.5, 0.5, 6)
     joints = rng.uniform(-1.0, 1.0, 12)
     turned = pin.Quaternion(pin.rpy.rpyToMatrix(*base[:2:-1])).coeffs()
-    ours = pin.computeGeneralizedGravity(model, data, np.concatenate([base, joints]))
+    own = np.concatenate([base, joints])
+    ours = pin.computeGeneralizedGravity(model, data, own)
     q = np.concatenate([base[:3], turned, joints])
     theirs = pin.computeGeneralizedGravity(free, free.createData(), q)
     assert np.allclose(ours[6:], theirs[6:], atol=1e-9)
+    robot.save(tmp_path / "a1.xml")
+    again = pa.load(tmp_path / "a1.xml", base="free").model
+    assert np.allclose(pin.computeGeneralizedGravity(again, again.createData(), own), ours)
 
 
 @pytest.mark.parametrize("frame", [None, "FR_foot", "RL_calf"])
@@ -110,7 +114,7 @@ def test_a_run_says_when_its_torque_was_infeasible():
     controller = pa.make_controller(robot, unknown=TRUNK)
     shaking = PoseTrajectory(pa.trajectories.Circle(np.zeros(3), 0.02, 0.2), None)
     path = shaking.starting_at(robot.position(robot.q0)).from_rest(0.1)
-    rollout = pa.simulate(robot, controller, path, duration=0.12, progress=False)
+    rollout = pa.simulate(robot, controller, path, duration=0.12)
     first = rollout.infeasible[0]
     assert 0.0 < first.start < first.end and first.cause.startswith("contact of ")
     assert "torque infeasible" in rollout.verdict
@@ -127,7 +131,7 @@ def test_a_foot_that_slips_ends_the_run_by_its_name():
     path = path.starting_at(robot.position(robot.q0)).from_rest(0.2)
     for guards in (True, False):
         controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=guards))
-        rollout = pa.simulate(ice, controller, path, duration=0.06, engine="mujoco", progress=False)
+        rollout = pa.simulate(ice, controller, path, duration=0.06, engine="mujoco")
         assert (rollout.diverged is not None) == guards
     stream = pa.run(pa.plants.MujocoPlant(ice), pa.make_controller(robot), path, dt=1e-3)
     with pytest.raises(pa.exceptions.ContactError, match="lifted or slipped") as caught:
@@ -225,7 +229,7 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     with pytest.raises(pa.ParameterError, match="not measured"):
         run.payload()
     assert run.excitation().dynamic.rank == 10
-    found = pa.identify(run, robot, unknown="payload", progress=False)
+    found = pa.identify(run, robot, unknown="payload")
     body = found.robot.model.inertias[6]
     errors = found.torque_errors
     assert body.mass == pytest.approx(trunk.mass, abs=0.02)
@@ -257,7 +261,7 @@ def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
     ]
     path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0)).from_rest()
     controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
-    rollout = pa.simulate(true, controller, path, duration=2.5, engine="mujoco", progress=False)
+    rollout = pa.simulate(true, controller, path, duration=2.5, engine="mujoco")
     assert rollout.distance.max() < 3e-3 and rollout.window(False).max() < 2e-4
     assert rollout.infeasible == ()
     found = rollout.a_d[-1, [0, 10]]
