@@ -99,6 +99,14 @@ def test_a_mimic_joint_in_the_chain_is_refused(tmp_path):
         pa.load(arm4(tmp_path, MIMIC), frame="tip")
 
 
+def test_a_mimic_joint_follows_its_leader(tmp_path):
+    path = arm4(tmp_path, MIMIC)
+    angles = pa.load(path, task="joint", q0=[0.1, 0.2, 0.3, 0.0, 0.0, 0.0]).home_angles
+    assert angles == pytest.approx([0.1, 0.2, 0.3, 0.3, 0.0, 0.0])
+    with pytest.raises(pa.RobotError, match="'joint4' follows 'joint3'; lock both"):
+        pa.load(path, task="joint", locked=["joint3"])
+
+
 def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     text = ARM4.read_text()
     body = text[text.index('<link name="link4">') : text.index('<link name="finger1">')]

@@ -130,5 +130,6 @@ def test_a_sweep_file_and_its_copy_define_the_same_sweep(scenario, tmp_path):
     found.save(tmp_path / "out")
     again = Plan.load(tmp_path / "out")
     assert found.is_in(tmp_path / "out") and again.cases == found.cases
+    assert Plan.read(file, success="follows").is_in(tmp_path / "out")
     other = Plan.read(file, ["trajectory.period=[3.0]"], seed=5)
     assert not other.is_in(tmp_path / "out")
