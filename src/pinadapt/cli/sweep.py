@@ -87,6 +87,7 @@ def sweep(options: Namespace) -> int:
         return Exit.DONE
     report = SweepReport(table, plan, options.column, folder)
     report.save(folder)
+    plan.save(folder)
     print(f"{report}\n\nwritten to {folder}, see {folder / PAGE}")
     return Exit.DONE
 

@@ -334,6 +334,7 @@ class Controller:
         Raises:
             InputError: the parameters cannot express it, or the load or tool is impossible.
         """
+        self._inputs.state(state)
         after = announced_state(self, state, payload, tool_translation)
         if self._torque_filter is None or after.dynamic is state.dynamic:
             return after

@@ -193,11 +193,16 @@ class Estimate:
         """
         chain = self.robot.model
         friction = self.robot.friction
+        names = self.robot.joint_names
         joints = {
-            i: model.joint(0 if name in BASE_JOINTS else name)
-            for i, name in enumerate(self.robot.joint_names, start=1)
-            if name not in BASE_JOINTS[:-1]
+            i: model.joint(name) for i, name in enumerate(names, 1) if name not in BASE_JOINTS
         }
+        if names[0] in BASE_JOINTS:  # the free joint of the body that the others are on
+            root = model.body_rootid[model.jnt_bodyid[model.joint(names[-1]).id]]
+            joint = model.joint(max(model.body_jntadr[root], 0))
+            if joint.type != 0:
+                raise KeyError("the model has no free joint that carries the others")
+            joints[len(BASE_JOINTS)] = joint
         own = [model.jnt_bodyid[joint.id] for joint in joints.values()]
         carriers = np.arange(model.nbody)
         for body, parent in enumerate(model.body_parentid):
@@ -213,7 +218,7 @@ class Estimate:
             model.body_mass[welded] = 0.0
             model.body_inertia[welded] = 0.0
             write_inertia(model, at, body)
-            if joint.name in self.robot.joint_names:
+            if joint.name in names:
                 dof = joint.dofadr[0]
                 model.dof_armature[dof] = chain.armature[i - 1]
                 model.dof_damping[dof] = friction.viscous[i - 1]
@@ -407,8 +412,7 @@ class Estimator:
             RobotError: an impossible load.
         """
         # no window holds both loads
-        state = instance(state, EstimatorState, "state")
-        state = state._replace(samples=state.samples[-1:], last=())
+        state = self._own_state(state)._replace(samples=state.samples[-1:], last=())
         instance(payload, Payload | None, "payload", RobotError)
         if payload is None:
             return self._begin_load(state, self._usual)
@@ -430,14 +434,12 @@ class Estimator:
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size, or not finite.
-            ImplausibleError: the time is not after the last one's, or samples that are smoothed are
-                twice as far apart as the period says, or half.
-            InputError: no state, or not as many contacts.
+            ImplausibleError: the time is not after the last one's.
+            InputError: no state of this estimator, not as many contacts, or samples that are
+                smoothed and twice as far apart as the period says, or half.
         """
         now = self._checked(measurement)
-        known = instance(state, EstimatorState, "state").stands
-        if state.sums.shape[1:] != (len(now.v), self._columns + 3):
-            raise InputError("is that of another estimator.", where="state")
+        known = self._own_state(state).stands
         if stands is not None:
             stands = standing(stands, len(self.robot.contacts), "stands")
             if known is None or (stands != known).any():  # no window holds both
@@ -447,6 +449,13 @@ class Estimator:
         if now.t - state.t > 2.0 * self.length / FEWEST:
             state = state._replace(samples=(), last=())
         return self._advance(state, now)
+
+    def _own_state(self, state: EstimatorState) -> EstimatorState:
+        """Return a state of this estimator."""
+        sums = instance(state, EstimatorState, "state").sums
+        if sums.shape[1:] != (self.robot.model.nv, self._columns + 3):
+            raise InputError("is that of another estimator.", where="state")
+        return state
 
     def _advance(self, state: EstimatorState, sample: Measurement) -> EstimatorState:
         """Return the state after a sample that was checked."""
@@ -516,8 +525,9 @@ class Estimator:
         t = np.array([one.t for one in samples]) - middle.t
         mean = (t[-1] - t[0]) / (self._count - 1)
         if not 0.5 <= mean / self._period <= 2.0:
-            flaw = f"comes {mean:.3g} s after the one before, on average; state this as the period"
-            raise ImplausibleError("t", samples[-1].t, flaw)
+            raise InputError(
+                f"is {self._period:g} s, and samples come every {mean:.3g} s.", where="period"
+            )
         moved = np.array([pin.difference(model, middle.q, one.q) for one in samples])
         *_, slope, value = np.polyfit(t, moved, 3)
         return middle._replace(q=pin.integrate(model, middle.q, value), v=slope)
@@ -728,7 +738,7 @@ class Estimator:
             state: at any sample.
             near: an earlier estimate, which saves time.
         """
-        instance(state, EstimatorState, "state")
+        self._own_state(state)
         a, noise = self._fitted(state, None if near is None else near.a, [])
         if self._wrist:  # as ``identify`` chooses it
             without = self._fitted(state, a, self._wrist)

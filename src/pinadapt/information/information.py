@@ -272,11 +272,11 @@ def fitted(
     """
     rounding = max(ROUNDING * float(np.max(level, initial=0.0)), np.finfo(float).tiny)
     level = np.maximum(level, rounding)
+    least = np.maximum(least_noise * level, rounding)
     found = Information.of_rows(names, a, W, r, level)
     for _ in range(2 if r.size else 0):
         free = max(r.size - found.rank, 1) / r.size
-        noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least_noise * level)
-        noise = np.maximum(noise, rounding)
+        noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least)
         found = Information.of_rows(names, a, W, r, noise)
     return found
 

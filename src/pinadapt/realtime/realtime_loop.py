@@ -614,7 +614,13 @@ class RealtimeLoop:
         elif name == "stop" and begun:
             self._respond(SafetyFinding("stop", str(value or "commanded"), Phase.HOLDING))
         elif name == "load" and begun:
-            self._state = self._controller.announce(self._state, payload=load_of(value))
+            after = self._controller.announce(self._state, payload=load_of(value))
+            dynamics = self._controller.dynamics
+            dynamics.load(after.a_d)
+            v = np.zeros(self._checks.limit.size)
+            if (np.abs(dynamics.torque(after.sensed.q, v, v)) > self._checks.limit).any():
+                raise InputError("its weight is beyond the limits of the motors.", where=name)
+            self._state = after
             self._checks.announced()
             self._event(load=value)
             self._say(f"load announced: {value}")

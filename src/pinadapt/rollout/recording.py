@@ -366,6 +366,8 @@ class Recording:
         worst = extreme(np.max, window(errors, False))
         if worst is None:
             return "no finite error"
+        if len(errors) < 2:
+            return "no sample after the first"
         return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
     @property

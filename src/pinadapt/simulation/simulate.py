@@ -146,9 +146,9 @@ def simulate(
         controller = controller.limited(engine.motors(true))
     started = perf_counter()
     plant = engine.make(true, controller)
-    if events.changes and not plant.described:
+    if (events.changes or true.loads) and not plant.described:
         raise InputError(
-            "the robot of a model file does not change while it moves.", where="changes"
+            "the model file defines the true robot, with its load, which stays.", where="engine"
         )
     trajectory = placed_trajectory(trajectory, true)
     if plant.sticks and getattr(trajectory.at(0.0), "feet", None) is not None:

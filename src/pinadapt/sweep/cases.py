@@ -106,6 +106,8 @@ class Values:
         if isinstance(given, str):
             try:
                 kind, given = _parsed(given.strip())
+                if not given:
+                    raise ValueError
             except (ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError) as error:
                 raise InputError(
                     f"cannot be read: {shown(given)}.", where=key, hint=_HINT
@@ -180,7 +182,8 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     kind = tree.func.id
     given = [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
-        return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
+        with np.errstate(all="raise"):  # numbers that are not finite
+            return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
     if kind == "choice":
         return kind, list(*given)
     low, high = np.broadcast_arrays(*given)

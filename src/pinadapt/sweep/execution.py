@@ -371,6 +371,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         check_writable(folder)
         for name in (TABLE, JOURNAL):
             (folder / name).unlink(missing_ok=True)
+        plan.save(folder)
     elif not plan.is_in(folder):
         raise InputError(
             "holds another sweep, or one of another version.",
@@ -383,7 +384,6 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
             where=folder,
             hint="Complete it by --resume, or begin anew by --force.",
         )
-    plan.save(folder)
     return folder
 
 

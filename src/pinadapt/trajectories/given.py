@@ -197,9 +197,10 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
         given: a ``Trajectory``, as it is; any object with ``at(t)``, or a function of t [s], that
             returns x_d, or (x_d, xd_d, xdd_d), see ``Function``; times (N) [s] and positions
             (N, m) as a pair, or as one array (N, 1 + m) with the times first, see ``Spline``.
-        task: the task of these coordinates. Recorded angles of continuous joints, all within a
-            turn, may jump by nearly all of it; coordinates of a pose are position and quaternion
-            xyzw (7), and a function may return ``pin.SE3`` instead. None: plain vectors.
+        task: the task of these coordinates. Samples of a continuous joint that are all within a
+            turn, as recorded ones are, go the shorter way to the next; coordinates of a pose are
+            position and quaternion xyzw (7), and a function may return ``pin.SE3`` instead. None:
+            plain vectors.
 
     Raises:
         InputError: another kind of object, a wrong number of coordinates, numbers that are not
@@ -249,9 +250,8 @@ def converted(
         )
     t, x = given
     if any(turning) and np.shape(x)[1:] == (len(turning),):
-        # recorded angles stay within a turn, and jump by nearly all of it
-        recorded = turning & (np.ptp(x, axis=0) <= 2.0 * np.pi)
-        x = np.where(recorded, np.unwrap(x, discont=1.9 * np.pi, axis=0), x)
+        recorded = turning & (np.ptp(x, axis=0) < 2.0 * np.pi)
+        x = np.where(recorded, np.unwrap(x, axis=0), x)
     if quaternion:
         return Function(_quaternion_spline(t, x), difference)
     return Spline(t, x)

@@ -188,8 +188,8 @@ class Unknown:
         elif self.lengths is not False:
             words += [f"{name}:length" for name in name_list(self.lengths, "unknown.lengths")]
         named = {each for each in words if isinstance(each, str)}
-        covered = named & {f"{TOOL}:length", LENGTHS}
-        if TOOL not in named and (self.tool or (self.tool is None and tool and not covered)):
+        wanted = tool and f"{TOOL}:length" not in named if self.tool is None else self.tool
+        if wanted and not named & {TOOL, LENGTHS}:
             words.append(TOOL)
         return words
 
@@ -208,7 +208,8 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     """
     if isinstance(robot.task, JointTask | ComTask):
         known = JointKinematics if isinstance(robot.task, JointTask) else ComKinematics
-        return known(robot, unknown.translation_words(tool=False))
+        placed = [GEOMETRY] * unknown.geometry + [TRACKER] * unknown.tracker
+        return known(robot, placed + unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry = unknown.geometry or GEOMETRY in words
