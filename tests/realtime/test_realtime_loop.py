@@ -88,7 +88,7 @@ def test_the_null_space_stays_where_the_arm_begins():
     assert np.abs(plant.measure().q - q0).max() < 1e-9
 
 
-def test_a_motion_that_is_refused_leaves_the_held_one():
+def test_a_refused_motion_or_load_leaves_those_before():
     loop = Loop(stage="hold")
     loop.ended()
     loop = loop.loop
@@ -96,7 +96,10 @@ def test_a_motion_that_is_refused_leaves_the_held_one():
     begin = loop._begin
     with pytest.raises(pa.InputError, match="reference: expected a Trajectory"):
         loop._command("reference", {"kind": "circle"})
-    assert loop._begin == begin
+    before = loop._state
+    with pytest.raises(pa.InputError, match="load: its weight is beyond"):
+        loop._command("load", {"mass": 1500.0})  # grams
+    assert loop._begin == begin and loop._state is before
 
 
 def test_a_loop_runs_once_and_a_motion_that_fails_damps_the_arm():
