@@ -323,7 +323,7 @@ def tell(options: Namespace) -> int:
     """Send a command to a running loop and print its answer.
 
     Raises:
-        InputError: no answer, or the command is refused.
+        InputError: no answer, or the command cannot be read.
     """
     value = None if options.value is None else _json(options.value, "value")
     for key, part in tell_loop(options.port, options.what, value).items():

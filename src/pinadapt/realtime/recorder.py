@@ -367,7 +367,7 @@ class _LogProcess:
                 raise InputError("the loop has not started.")
             value = self._translate[name](value, measurement_of(row))
         self._send(name, value)
-        return {"done": name}
+        return {"sent": name}
 
 
 def _serve(link: Connection, *arguments: Any) -> None:
@@ -395,7 +395,8 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
         timeout: for the answer [s].
 
     Raises:
-        InputError: no loop answers there, or the command is refused.
+        InputError: no loop answers there, or the command cannot be read. What the loop refuses is
+            among the messages of "state".
     """
     whole(port, "port", 1, most=2**16 - 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
