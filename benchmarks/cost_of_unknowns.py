@@ -9,14 +9,13 @@ sensors. The task frame follows a circle of 0.1 m in 3 s, joint-space laws swing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
 
-from .shared import Row, diverged, quiet
+from .shared import diverged, quiet
 
 LOADS = {"panda": 1.5, "ur5": 1.5, "z1": 0.75}  # [kg]
 END = 10.0  # [s]
@@ -54,12 +53,3 @@ def measure(robot: str, law: str, adaptation: str) -> dict[str, Any]:
     if rollout.diverged is not None:
         return diverged(rollout)
     return {"error_10s": float(rollout.distance[rollout.t > 0.9 * END].max())}
-
-
-def prices(rows: Sequence[Row]) -> dict[tuple[str, str, str], float | None]:
-    """Return the price by law, robot and adaptation: the error over that with the true model."""
-    errors = {(row["law"], row["robot"], row["adaptation"]): row["error_10s"] for row in rows}
-    return {
-        (law, robot, kind): None if own is None else own / errors[law, robot, TRUTH]
-        for (law, robot, kind), own in errors.items()
-    }

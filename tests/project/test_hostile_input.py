@@ -256,10 +256,6 @@ SILENT = {
     "an axis of zeros": (lambda: pa.trajectories.Swing([0, 0, 0], 0.3, 2.0), "orientation.axis"),
     "milliseconds": (lambda: pa.Camera(rate=30.0, delay=300.0), "30 ms are 0.03"),
     "a frame twice": (lambda: pa.load("tiago_dual", frames=HANDS), "frames: one is given twice"),
-    "a foot twice": (
-        lambda: pa.load("a1", contacts=["FL_foot"] * 2),
-        "contacts: one is given twice",
-    ),
     "a translation twice": (
         lambda: pa.make_controller(
             pa.load("ur5"), unknown=pa.Unknown(translations=["elbow_joint"] * 2)

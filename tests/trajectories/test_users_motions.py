@@ -88,8 +88,8 @@ def test_angles_of_continuous_joints_may_jump_by_whole_turns():
     times = np.linspace(0.0, 2.0, 201)
     jumps = np.abs(np.diff([wrapped(t)[0] for t in times])).max()
     assert jumps > 6.0
-    few = as_trajectory(([0.0, 6.0], [[0.0, 0.0], [7.0, 0.0]]), task)
-    assert few.at(6.0).x_d[0] == 7.0  # more than a turn of the joint
+    far = [[0.0, 0.0], [7.0, 0.0]]  # more than a turn
+    assert as_trajectory(([0.0, 6.0], far), task).at(6.0).x_d[0] == 7.0
     samples = as_trajectory((times, [wrapped(t) for t in times]), task)
     for t in np.linspace(0.1, 1.9, 50):
         now = as_trajectory(wrapped, task).at(t)

@@ -32,7 +32,7 @@ from ..robot.changes import Load
 from ..robot.motors import Compensation, LateTorque, torque_bounds, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
-from ..trajectories.trajectory import Trajectory, failed
+from ..trajectories.trajectory import Trajectory, motion_failed
 from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
@@ -306,7 +306,7 @@ class Controller:
         except PinadaptError:
             raise
         except Exception as reason:  # whatever an object of the user raises
-            raise failed(t, reason) from reason
+            raise motion_failed(t, reason) from reason
 
     def announce(
         self,

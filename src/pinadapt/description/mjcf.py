@@ -207,12 +207,12 @@ def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple
     return pin.XYZQUATToSE3([*pose[:3], *xyz, w]) if pose[3:].any() else between, pin.SE3.Identity()
 
 
-def mjcf_text(robot: Any, *, single: bool = False) -> str:
+def mjcf_text(robot: Any, *, free_joint: bool = True) -> str:
     """Return the text of an MJCF file of the chain of a ``Robot`` alone, without shapes.
 
     Joints have limits, ``damping``, ``frictionloss`` and ``armature``; each has a motor, limited to
-    its effort. The task frame is a site. A free base has a free joint; ``single``: the six joints
-    of the model.
+    its effort. The task frame is a site. A free base has a free joint; without
+    ``free_joint`` the six joints of the model.
 
     Raises:
         RobotError: a body without a physical inertia.
@@ -237,7 +237,7 @@ def mjcf_text(robot: Any, *, single: bool = False) -> str:
     for index, (name, (low, high, effort)) in enumerate(
         zip(robot.joint_names, columns, strict=True), 1
     ):
-        if name in BASE_JOINTS[:-1] and not single:
+        if name in BASE_JOINTS[:-1] and free_joint:
             bodies.append(base)
             continue
         body = ElementTree.SubElement(
@@ -250,7 +250,7 @@ def mjcf_text(robot: Any, *, single: bool = False) -> str:
         )
         bodies.append(body)
         _write_inertia(body, model.inertias[index])
-        if name in BASE_JOINTS and not single:
+        if name in BASE_JOINTS and free_joint:
             ElementTree.SubElement(body, "freejoint", name=free_name("free_base", taken))
             continue
         joint = ElementTree.SubElement(

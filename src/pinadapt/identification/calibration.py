@@ -35,12 +35,13 @@ from .._checks import flag, name_list, word
 from .._output import Printed, Report, Table, write_json
 from .._version import __version__
 from ..exceptions import InputError, LogError
-from ..information.information import estimate_table, gauss_newton, rms, spread
+from ..information.information import estimate_table, gauss_newton, spread
 from ..information.measured_motion import at_times, evenly
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import Source, read_log
 from ..logs.import_options import Options
 from ..logs.log import Log
+from ..models.excited import rms
 from ..models.linear_kinematics import DISPLACEMENTS, SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL, placement_of

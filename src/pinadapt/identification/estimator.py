@@ -30,10 +30,10 @@ from .._checks import flag, instance, name_list, positive, word
 from ..controller.inputs import InputCheck, standing
 from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ImplausibleError, InputError, MeasurementError, RobotError
-from ..information.information import rms
 from ..information.measured_motion import FEWEST, LENGTH, OVERLAP, bump
 from ..information.payload import PayloadEstimate, of_load, usual_load
 from ..models.bodies import PAYLOAD, chosen_bodies, nearest_physical
+from ..models.excited import rms
 from ..models.joint_effects import KINDS, USUAL
 from ..models.physical_fit import LEAST, PhysicalSet, physical_fit, physical_set
 from ..models.regressor import LABELS, PER_BODY, random_states
@@ -41,6 +41,7 @@ from ..models.task_kinematics import JointKinematics
 from ..plants.mujoco_plant import inertia_in, write_inertia
 from ..records import Measurement
 from ..robot.changes import Payload
+from ..robot.constraints import repeated
 from ..robot.robot import LOAD, Robot
 from ..tuning.unknowns import Unknown, UnknownLike, nominal_dynamics
 from .fits import FREE, LIGHT, TINY, WEIGHT, lasting_noise, noise_levels
@@ -367,7 +368,7 @@ class Estimator:
         # under constraints fewer equations than joints are independent
         none = np.zeros(robot.model.nv)
         free, _ = self._constraints.free(robot.q0, none)
-        self._repeated = np.sqrt(robot.model.nv / np.trace(free))
+        self._repeated = repeated(free)
         # what a state has learned at first
         e = len(self._order)
         self._nothing: dict[str, Any] = {

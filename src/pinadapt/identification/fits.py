@@ -22,14 +22,15 @@ import numpy as np
 
 from .._checks import vector
 from ..exceptions import InputError, ParameterError, did_you_mean
-from ..information.information import CERTAIN, Information, fitted, position_rows, rms
+from ..information.information import CERTAIN, Information, fitted, position_rows
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
 from ..models.dynamics import Dynamics
+from ..models.excited import rms
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
-from ..robot.constraints import Constraints
+from ..robot.constraints import Constraints, repeated
 from ..robot.robot import Robot
 
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
@@ -355,7 +356,7 @@ class Windows(NamedTuple):
             tau,
             dynamics.names,
             averages.length,
-            np.sqrt(n / np.trace(P)),
+            repeated(P),
         )
 
     def over(self, gains: np.ndarray) -> Windows:

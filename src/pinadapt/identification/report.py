@@ -20,7 +20,7 @@ from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import CERTAIN, Excitation, Information, lateness, rms
+from ..information.information import CERTAIN, Excitation, Information, lateness
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
@@ -32,6 +32,7 @@ from ..information.payload import (
 )
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
+from ..models.excited import rms
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate as OnlineEstimate

@@ -30,11 +30,12 @@ from threadpoolctl import threadpool_limits
 
 from .._output import Printed, Report, Table
 from ..description.chain import angles_from_configuration
-from ..information.information import Information, rms
+from ..information.information import Information
 from ..information.measured_motion import Averages, evenly, integrated
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.bodies import ALL, BodyDynamics
+from ..models.excited import rms
 from ..models.physical_fit import physical_set
 from ..models.regressor import PER_BODY
 from ..robot.robot import Robot

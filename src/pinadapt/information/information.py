@@ -23,11 +23,11 @@ from ..controller.first_samples import CERTAIN as CERTAIN
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from ..models.excited import Excited, TorqueErrors, scales
-from ..models.excited import rms as rms
+from ..models.excited import Excited, TorqueErrors, rms, scales
 from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
+from ..robot.constraints import repeated
 from .measured_motion import at_times, evenly, motion_of_samples
 
 # [s] over which rows of the torque are averaged, so that their noise is independent; half, twice: a
@@ -174,13 +174,15 @@ def dynamic_information(
     """
     motion = motion_of_samples(kinematics.robot.model, samples)
     W, r, tau = _torque_rows(dynamics, kinematics, a_d, *motion[1:5])
+    robot = kinematics.robot
+    free, _ = robot.constrained.free(robot.q0, np.zeros(robot.model.nv))
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
     W, r = (
         part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]).mean(axis=1)
         for part in (W, r)
     )
     level = np.abs(tau).sum(axis=0) / max(len(motion.t), 1)
-    return fitted(dynamics.names, a_d, W, r, level, least_noise)
+    return fitted(dynamics.names, a_d, W, r, level, least_noise, repeated(free))
 
 
 def _torque_rows(
@@ -264,18 +266,20 @@ def fitted(
     r: np.ndarray,
     level: np.ndarray | float,
     least_noise: float = ROUNDING,
+    repeats: float = 1.0,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n).
 
-    The noise of each signal is its residual at the least-squares estimate. It is found in two
-    rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
+    The noise of each signal is its residual at the least-squares estimate, times ``repeats`` where
+    signals are a projection, see ``repeated``. It is found in two rounds: signals are weighted by
+    their ``level`` (n) in the first, by their noise in the second.
     """
     rounding = max(ROUNDING * float(np.max(level, initial=0.0)), np.finfo(float).tiny)
     level = np.maximum(level, rounding)
     least = np.maximum(least_noise * level, rounding)
     found = Information.of_rows(names, a, W, r, level)
     for _ in range(2 if r.size else 0):
-        free = max(r.size - found.rank, 1) / r.size
+        free = max(r.size / repeats**2 - found.rank, 1.0) / r.size
         noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least)
         found = Information.of_rows(names, a, W, r, noise)
     return found

@@ -178,7 +178,9 @@ def chain_of(robot: Robot) -> MujocoChain:
     body = pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.eye(3) + 0.1)
     for i in range(1, chain.njoints):
         chain.inertias[i] = body
-    spec = mujoco_module().MjSpec.from_string(mjcf_text(replace(robot, model=chain), single=True))
+    spec = mujoco_module().MjSpec.from_string(
+        mjcf_text(replace(robot, model=chain), free_joint=False)
+    )
     if robot.contacts:
         _add_contacts(spec, robot)
     model = spec.compile()

@@ -101,7 +101,7 @@ class PinocchioPlant(SimulatedPlant):
     it.
     """
 
-    sticks = True
+    bilateral = True
 
     def __init__(self, robot: Robot, **options: Any) -> None:
         """Copy the model of the true robot; the options are those of ``SimulatedPlant``.

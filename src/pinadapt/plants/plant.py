@@ -87,13 +87,13 @@ class SimulatedPlant(Plant):
         described: whether the simulated parameters are those of ``robot``. If not, only joints and
             frame are, and the true parameters are unknown.
         springs: whether joints of this class may be elastic.
-        sticks: whether contacts neither lift nor slide.
+        bilateral: whether contacts neither lift nor slide.
     """
 
     longest_step: float = LONGEST_STEP
     described: bool = True
     springs = False
-    sticks = False
+    bilateral = False
 
     def __init__(
         self,

@@ -254,6 +254,14 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     )
 
 
+def repeated(P: np.ndarray) -> float:
+    """Return the root of n over the rank of a projection P (n, n), as of ``Constraints.free``.
+
+    The noise of n independent signals is that of the projected ones times this number.
+    """
+    return float(np.sqrt(len(P) / np.trace(P)))
+
+
 def independent(
     model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]
 ) -> tuple[Constraint, ...]:

@@ -14,9 +14,8 @@ from .._output import Report, Table, as_json, percent, read_as_data, short
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
-from ..information.information import rms
 from ..laws import LAWS
-from ..models.excited import names_together
+from ..models.excited import names_together, rms
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
 from .recording import (

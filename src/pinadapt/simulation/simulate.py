@@ -151,7 +151,7 @@ def simulate(
             "the model file defines the true robot, with its load, which stays.", where="engine"
         )
     trajectory = placed_trajectory(trajectory, true)
-    if plant.sticks and getattr(trajectory.at(0.0), "feet", None) is not None:
+    if plant.bilateral and getattr(trajectory.at(0.0), "feet", None) is not None:
         raise InputError(
             "the contacts of this simulator hold whatever that takes, so no foot would step.",
             where="engine",

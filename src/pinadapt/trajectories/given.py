@@ -13,7 +13,7 @@ from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError, PinadaptError
 from ..records import Desired
 from ..tasks.task import JointTask, Moving, Task
-from .trajectory import Hold, Piecewise, Trajectory, failed
+from .trajectory import Hold, Piecewise, Trajectory, motion_failed
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
@@ -81,7 +81,7 @@ class Function(Trajectory):
         except PinadaptError:
             raise
         except Exception as reason:
-            raise failed(t, reason) from reason
+            raise motion_failed(t, reason) from reason
         if size not in (None, found[0].size):
             raise InputError(
                 f"{found[0].size} coordinates at t = {t:g} s, {size} before.", where="trajectory"
@@ -288,4 +288,4 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
     except InputError:
         raise
     except Exception as reason:
-        raise failed(0.0, reason) from reason
+        raise motion_failed(0.0, reason) from reason

@@ -27,7 +27,7 @@ LONGEST_RAMP, _LOOKS = 5.0, 250
 _RESTS = 1e-3
 
 
-def failed(t: float, reason: Exception) -> InputError:
+def motion_failed(t: float, reason: Exception) -> InputError:
     """Return what to raise for a motion that raised something else at t [s]."""
     return InputError(
         f"the desired motion failed at t = {t:g} s: {type(reason).__name__}: {reason}",
