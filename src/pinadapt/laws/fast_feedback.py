@@ -99,7 +99,8 @@ class FastFeedback(Law):
             InputError: encoders at the motors, or neither springs nor a gain.
             RobotError: a motor without inertia.
         """
-        if actuators.encoders != "link" if actuators.elastic else self.gain is None:
+        missing = actuators.encoders != "link" if actuators.elastic else self.gain is None
+        if missing:
             raise InputError(
                 "fast feedback needs springs, encoders at the links, and the motors' velocity.",
                 where="limits.actuators",

@@ -619,7 +619,7 @@ class RealtimeLoop:
             dynamics.load(after.a_d)
             v = np.zeros(self._checks.limit.size)
             if (np.abs(dynamics.torque(after.sensed.q, v, v)) > self._checks.limit).any():
-                raise InputError("its weight is beyond the limits of the motors.", where=name)
+                raise InputError("the motors cannot hold the arm with it.", where=name)
             self._state = after
             self._checks.announced()
             self._event(load=value)
