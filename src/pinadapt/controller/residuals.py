@@ -168,14 +168,15 @@ class FrameFit:
         X = np.hstack([X, np.eye(error.size)])
         r = error - X.dot(value)
         size = math.hypot(*r)
-        if (near and size < bound) or not math.isfinite(size):
+        if not math.isfinite(size):
             return size, bound, fit
-        way = r / max(size, bound)
-        S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
-        S += self.deviation**2 * np.eye(r.size)
-        share = max(size, bound) * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
-        if share > 1.0:
-            return size, size / share, fit
+        if size >= bound:  # below, S is more than the noise of a frame
+            way = r / size
+            S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
+            S += self.deviation**2 * np.eye(r.size)
+            share = size * math.sqrt(way @ np.linalg.solve(S, way)) / CERTAIN
+            if share > 1.0:
+                return size, size / share, fit
         if not near:
             rows = np.column_stack([X, error]) / self.deviation
             sums = math.exp(since - moved) * sums + rows[:, :-1].T @ rows

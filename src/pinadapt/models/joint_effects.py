@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -232,6 +233,7 @@ def without_joint_effects(robot: Robot) -> Robot:
     return robot.changed(armature=0.0, friction=Friction())
 
 
+@lru_cache(maxsize=1)  # asked for by each part of a controller
 def typical_coefficients(robot: Robot) -> np.ndarray:
     """Return typical armature, viscous and Coulomb coefficients (3, n) for a robot of this size.
 

@@ -211,7 +211,10 @@ def wrong_sizes(model: pin.Model, q: np.ndarray, *rates: np.ndarray) -> InputErr
 def moves(model: pin.Model) -> np.ndarray:
     """Return which coordinates (N, n) move each of N joints, the world first, and its body."""
     joints = np.repeat(range(model.njoints), list(model.nvs))
-    return np.array([np.isin(joints, list(support)) for support in model.supports])
+    supported = np.zeros((model.njoints, model.njoints), dtype=bool)
+    for joint, support in enumerate(model.supports):
+        supported[joint, list(support)] = True
+    return supported[:, joints]
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
