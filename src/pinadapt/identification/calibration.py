@@ -37,7 +37,7 @@ from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, spread
 from ..information.measured_motion import at_times, evenly
-from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
+from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_size, left_handed
 from ..logs.formats import Source, read_log
 from ..logs.import_options import Options
 from ..logs.log import Log
@@ -357,7 +357,9 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
     U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
     straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, U @ V))
-    check_axes(U @ V if mirrored < 0.5 * turned else R, x, motion)
+    check_size(x, motion)
+    if mirrored < 0.5 * turned:
+        raise left_handed()
     if tracker:
         return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
     angle = np.linalg.norm(pin.log3(R))

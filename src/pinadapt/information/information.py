@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -408,7 +407,7 @@ class MotionTorques:
     first: np.ndarray
 
 
-class TorquePrediction(SimpleNamespace):
+class TorquePrediction:
     """Errors of the torques that estimates of dynamic parameters predict along a motion.
 
     Attributes:

@@ -53,8 +53,8 @@ class FoundTracker(Printed):
         a_k: (p) the same as parameters of ``TrackerKinematics``, to start a controller from.
         information: (p, p) rows of the information of the frames on these, as ``information_k`` of
             ``Controller.init``.
-        deviations: (6 + k) standard deviations: of the rotation [rad] and position [m] of the base
-            in the tracker's axes, and of the translations [m].
+        deviations: (6 + k) standard deviations: of the rotation vector [rad] and position [m] of
+            the base in the tracker's axes, and of the translations [m].
         names: (6 + k) of these.
         noise: rms residual of a coordinate [m].
         frames: how many there were.
@@ -120,21 +120,23 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     prior = (LEAST_NOISE * reach / own.sizes) ** 2 * len(x)
     found = Information.of_rows(own.names, lumped, X, y - X @ lumped, prior=prior)
     lumped = found.refined().estimate
-    check_axes(lumped.reshape(shape)[:, :3], x, motion)
+    B = lumped.reshape(shape)[:, :3]
+    check_size(x, motion)
     tracker = own.tracker(lumped)
     W = X.reshape(-1, a.size)
-    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *own.columns.names)
+    placed = [f"{word} {axis}" for word in ("rotation", "base") for axis in "xyz"]
+    names = (*placed, *own.columns.names)
     for _ in range(4):  # in which the noise is found
         sigma = seen.noise(y - X @ own.parameters(tracker), len(names))
         both = W.T @ W / sigma**2, W.T @ y.ravel() / sigma**2
         tracker, told = own.explaining_tracker(*both, tracker)
     a = own.parameters(tracker)
-    seen.check(y - X @ a, sigma, motion)
+    seen.check(y - X @ a, sigma, motion, len(B) == 3 and np.linalg.det(B) < 0.0)
     known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
     prior = np.append(np.zeros(6), known[6:] ** -2)
-    rows = X @ own.slopes(tracker)
-    deviations = Information.of_rows(names, known, rows, 0.0 * x, sigma, prior).deviations
+    slopes = own.slopes(tracker)
+    slopes[:, :3] @= pin.Jexp3(-pin.log3(tracker.placement.rotation))  # by the rotation vector
+    deviations = Information.of_rows(names, known, X @ slopes, 0.0 * x, sigma, prior).deviations
     return FoundTracker(
         tracker,
         a,
@@ -235,10 +237,13 @@ class _Seen:
         variance = np.sum(residual**2) / max(1, residual.size - parameters)
         return max(math.sqrt(variance), LEAST_NOISE * self.kinematics.robot.reach)
 
-    def check(self, left: np.ndarray, sigma: float, motion: float) -> None:
+    def check(
+        self, left: np.ndarray, sigma: float, motion: float, mirrored: bool = False
+    ) -> None:
         """Refuse frames of which something else than noise is left (N, m_p), in any unit.
 
         What a tracker cannot explain changes with the motion; noise changes from frame to frame.
+        Frames that are nearer to a mirror's may then be mirrored.
 
         Raises:
             LogError: too much is left.
@@ -247,6 +252,8 @@ class _Seen:
         alike = np.vdot(left[1:], left[:-1])
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
+        if mirrored:
+            raise left_handed()
         raise LogError(
             f"no camera or tracker explains these frames: they are off by {sigma:.3g} (rms) in a "
             f"motion of {motion:.3g}.",
@@ -254,10 +261,11 @@ class _Seen:
         )
 
 
-def check_axes(B: np.ndarray, x: np.ndarray, motion: float) -> None:
-    """Refuse frames x (N, m_p) of a motion of this size that show another unit or handedness.
+def check_size(x: np.ndarray, motion: float) -> None:
+    """Refuse frames x (N, m_p) of a motion of this size in another unit.
 
-    B (m_p, 3) is their rotation block.
+    Raises:
+        LogError: they are.
     """
     size = spread(x) / motion * math.sqrt(x.shape[1] / 3.0)
     if abs(math.log(max(size, LEAST_NOISE))) > _SCALE:
@@ -265,8 +273,11 @@ def check_axes(B: np.ndarray, x: np.ndarray, motion: float) -> None:
             f"the frames move {size:.3g} times as far as the arm. In millimetres, or frozen?",
             hint="Give x in metres, of a point that is fixed to the last body.",
         )
-    if len(B) == 3 and np.linalg.det(B) < -0.5:  # near zero where a motion does not show all axes
-        raise LogError(
-            "the axes of the tracker are left-handed: only a mirror explains the frames.",
-            hint="Change the sign of one coordinate of x.",
-        )
+
+
+def left_handed() -> LogError:
+    """Return the error of frames that only a mirror explains."""
+    return LogError(
+        "the axes of the tracker are left-handed: only a mirror explains the frames.",
+        hint="Change the sign of one coordinate of x.",
+    )
