@@ -222,8 +222,9 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     """Return the verdict in one line."""
     found = numbers["torque_prediction"]
     parts = [(run.reason or "").rstrip("."), _error(run, numbers)]
-    if run.slowed:
-        parts.append(f"path slowed {_longest(run.slowed)}")
+    if run.slowed and run.path_time is not None:
+        reached = f"{short(float(run.path_time[-1]))} of {short(float(run.t[-1]))} s"
+        parts.append(f"path slowed to {reached}, {_longest(run.slowed)}")
     if run.infeasible:
         most = short(max(each.largest for each in run.infeasible))
         parts.append(f"torque infeasible {_longest(run.infeasible)}, up to {most} N or N m missed")
