@@ -307,13 +307,15 @@ def _check_velocities(log: Log, v: np.ndarray, robot: Robot) -> None:
     Raises:
         LogError: they disagree.
     """
-    rates = differences(robot.model, log.configurations(robot)) / np.diff(log.t)[:, None]
+    ways = differences(robot.model, log.configurations(robot))
     means = 0.5 * (v[1:] + v[:-1])
-    both = np.isfinite(rates) & np.isfinite(means)
-    # averages, in which the noise of differenced encoders cancels
-    rates, means = (
-        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0) for part in (rates, means)
+    both = np.isfinite(ways) & np.isfinite(means)
+    # averages, in which the noise of differenced encoders and of times cancels
+    ways, means, steps = (
+        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0)
+        for part in (ways, means, np.diff(log.t)[:, None])
     )
+    rates = ways / np.where(steps > 0.0, steps, 1.0)
     size = np.mean(rates**2, axis=0)
     factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
     wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
