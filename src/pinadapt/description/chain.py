@@ -279,7 +279,8 @@ def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str
                 f"joint '{model.names[joint]}' mimics another one, or is of type {kind}; joints "
                 "of a chain are independent, and revolute, continuous or prismatic.",
                 where=model.name,
-                hint='Lock it, choose a frame before it, or, if it mimics one, task="joint" without a frame.',
+                hint="Lock it, choose a frame before it, or, if it mimics one, "
+                'task="joint" without a frame.',
             )
 
 

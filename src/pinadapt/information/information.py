@@ -441,7 +441,7 @@ class TorquePrediction:
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:
     """Return the torques that were measured along a motion, at up to 400 instants.
 
-    Takes about 20 ms for seven joints. None without dynamic parameters, with fewer than three
+    Takes about 20 ms for seven joints. None without dynamic parameters, with fewer than 16
     samples, or where estimates or torques are not finite.
     """
     dynamics = controller.dynamics

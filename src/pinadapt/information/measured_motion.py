@@ -75,10 +75,10 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
 
     Args:
         model: of the chain.
-        samples: of a run; of fewer than three there is no motion.
+        samples: of a run; of fewer than 16, which the low pass needs, there is no motion.
     """
     t = np.array([sample.t for sample in samples])
-    if len(samples) < 3 or t[-1] <= t[0]:
+    if len(samples) < 16 or t[-1] <= t[0]:
         none = np.zeros((0, model.nv))
         return MeasuredMotion(np.zeros(0), np.zeros((0, model.nq)), none, none, none, False)
     q, v = (np.array([getattr(one.measurement, part) for one in samples]) for part in "qv")

@@ -237,9 +237,7 @@ class _Seen:
         variance = np.sum(residual**2) / max(1, residual.size - parameters)
         return max(math.sqrt(variance), LEAST_NOISE * self.kinematics.robot.reach)
 
-    def check(
-        self, left: np.ndarray, sigma: float, motion: float, mirrored: bool = False
-    ) -> None:
+    def check(self, left: np.ndarray, sigma: float, motion: float, mirrored: bool = False) -> None:
         """Refuse frames of which something else than noise is left (N, m_p), in any unit.
 
         What a tracker cannot explain changes with the motion; noise changes from frame to frame.
