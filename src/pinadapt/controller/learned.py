@@ -173,8 +173,8 @@ class LearnedParameters:
 
         Args:
             controller: with the same dynamic parameters.
-            same_load: whether the load is the one that was learned. Otherwise the information
-                leaves the bodies of the task frames out, so that it holds for any load.
+            same_load: whether load, tool and tracker are as they were learned. Otherwise the
+                information leaves the bodies of the task frames and the kinematics out.
 
         Raises:
             ParameterError: its parameters have other names.
@@ -194,7 +194,7 @@ class LearnedParameters:
                 joints = kinematics.joint_names
                 rows = _without(rows, names, [joints[k] for k in kinematics.robot.carriers])
             start["information"] = rows[:, [names.index(name) for name in dynamic]]
-        if self.information_k:
+        if self.information_k and same_load:
             names = list(self.kinematic)
             rows = np.array(self.information_k)
             start["information_k"] = rows[:, [names.index(name) for name in kinematics.names]]
