@@ -1,12 +1,13 @@
-"""Joints are shown in degrees, slides alone in millimetres."""
+"""Joints are shown in degrees, slides in millimetres."""
 
 import pinocchio as pin
 
 from pinadapt.tasks import JointTask
 
 
-def test_slides_alone_are_shown_in_millimetres():
+def test_slides_are_shown_in_millimetres():
     model = pin.Model()
-    for shown, joint in (("mm", pin.JointModelPX()), ("deg", pin.JointModelRZ())):
-        model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), shown)
-        assert JointTask.of_joints(model).groups[0].shown.unit == shown
+    for name, joint in (("turns", pin.JointModelRZ()), ("slides", pin.JointModelPX())):
+        model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), name)
+    groups = JointTask.of_joints(model).groups
+    assert [(group.shown.unit, *group.rows) for group in groups] == [("mm", 1), ("deg", 0)]

@@ -159,9 +159,10 @@ class Sample(NamedTuple):
         measurement: what the sensors said.
         desired: the desired motion.
         state: the controller's state before this sample's step.
-        torque: (nv) what the motors give until the next sample, in the mean [N m or N].
+        torque: (nv) what the motors give from now on [N m or N].
         truth: what perfect sensors would have said: the true q, v, x and xd.
         step_time: how long the controller took [s]; zero in continuous mode, which has no steps.
+        mean_torque: (nv) mean torque until the next sample, where those in between are not kept.
     """
 
     t: float
@@ -171,3 +172,4 @@ class Sample(NamedTuple):
     torque: np.ndarray
     truth: Measurement
     step_time: float = 0.0
+    mean_torque: np.ndarray | None = None

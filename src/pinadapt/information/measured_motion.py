@@ -82,12 +82,7 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
         none = np.zeros((0, model.nv))
         return MeasuredMotion(np.zeros(0), np.zeros((0, model.nq)), none, none, none, False)
     q, v = (np.array([getattr(one.measurement, part) for one in samples]) for part in "qv")
-    held = np.array(
-        [
-            before.torque if after.measurement.tau is None else after.measurement.tau
-            for before, after in pairwise(samples)
-        ]
-    )
+    held = np.array([_torque_between(*ends) for ends in pairwise(samples)])
     tau = np.vstack([held, held[-1:]])
     period = (t[-1] - t[0]) / (len(t) - 1)
     t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
@@ -99,6 +94,13 @@ def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMo
         tau[:-1],
         noisy,
     )
+
+
+def _torque_between(before: Sample, after: Sample) -> np.ndarray:
+    """Return the torque (n) between two samples: measured, or in the mean what was sent."""
+    if after.measurement.tau is not None:
+        return after.measurement.tau
+    return before.torque if before.mean_torque is None else before.mean_torque
 
 
 def measured_motion(

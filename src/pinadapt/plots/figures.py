@@ -34,7 +34,7 @@ def error_figure(run: Drawable) -> Picture:
             axes[2 * k],
             run.t,
             error,
-            run.task.labels[group.rows],
+            np.array(run.task.labels)[group.rows],
             f"{group.name} error [{unit}]",
         )
         _norm(axes[2 * k + 1], run, group, "norm")

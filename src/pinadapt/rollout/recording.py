@@ -324,12 +324,12 @@ class Recording:
 
     @property
     def distance(self) -> np.ndarray:
-        """Norm of the error in the task's first group of rows (N): position [m] or joints [rad]."""
+        """Norm of the error in the task's first group of rows (N): position [m], joints [rad]."""
         return np.linalg.norm(self.error[:, self.task.groups[0].rows], axis=1)
 
     @property
     def angle(self) -> np.ndarray | None:
-        """Angle between true and desired orientation (N) [rad], or None for tasks without one."""
+        """Angle between true and desired orientation, or of joints beside slides (N) [rad]."""
         if len(self.task.groups) == 1:
             return None
         return np.linalg.norm(self.error[:, self.task.groups[1].rows], axis=1)

@@ -329,9 +329,8 @@ def record(
 ) -> tuple[list[Sample], dict[str, Any]]:
     """Take a sample for each index and keep those whose index is a multiple of ``every``.
 
-    The last state is kept whole, the others as ``Controller.recorded`` returns them; the torque is
-    the mean until the next one that is kept. Samples so far are kept if the loop diverges or a
-    ``KeyboardInterrupt`` stops it.
+    The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
+    are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
 
     Returns:
         The samples, and how the run ended, by the names of a ``Rollout``.
@@ -347,15 +346,16 @@ def record(
                 state = controller.recorded(sample.state)
                 samples.append(sample if state is sample.state else sample._replace(state=state))
             else:
-                mean = samples[-1].torque
+                kept = samples[-1]
+                mean = kept.torque if kept.mean_torque is None else kept.mean_torque
                 mean = mean + (sample.torque - mean) / (k % every + 1)
-                samples[-1] = samples[-1]._replace(torque=mean)
+                samples[-1] = kept._replace(mean_torque=mean)
     except DivergedError as error:
         ended |= {"diverged": error.time, "reason": error.reason}
     except KeyboardInterrupt:
         ended["interrupted"] = last  # the time of the last sample
     if samples:
-        samples[-1] = samples[-1]._replace(state=whole.state)
+        samples[-1] = whole
     return samples, ended
 
 

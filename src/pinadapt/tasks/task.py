@@ -38,16 +38,15 @@ class RowGroup(NamedTuple):
     """Rows of the error that share a unit.
 
     Attributes:
-        name: what they are together: "position", "rotation", "joints" or "picture".
-        unit: "m" or "rad"; joints count as "rad" where one of them turns, those of slides are in
-            metres all the same.
+        name: what they are together: "position", "rotation", "slides", "joints" or "picture".
+        unit: "m" or "rad".
         rows: which rows.
         display: how they are shown; None: as their unit.
     """
 
     name: str
     unit: str
-    rows: slice
+    rows: Any
     display: Display | None = None
 
     @property
@@ -218,8 +217,10 @@ class JointTask(Task):
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
-        """One group: the joints."""
-        return (RowGroup("joints", "m" if all(self.slides) else "rad", slice(0, self.size)),)
+        """The slides, and the joints that turn, where there are any."""
+        rows = np.flatnonzero(self.slides), np.flatnonzero(np.logical_not(self.slides))
+        groups = RowGroup("slides", "m", rows[0]), RowGroup("joints", "rad", rows[1])
+        return tuple(group for group in groups if group.rows.size)
 
     def of(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of a configuration q (nq)."""
