@@ -25,7 +25,7 @@ from .._output import Printed, Report, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
-from ..models.bodies import ALL, BodyDynamics
+from ..models.bodies import ALL, BodyDynamics, nearest_physical
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.physical_fit import PhysicalSet
 from ..models.regressor import LABELS, PER_BODY
@@ -75,10 +75,13 @@ class PayloadEstimate(Printed):
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
 
-        These refuse an inertia that no distribution of mass has, which an estimate may be. Then
-        leave the inertia out: ``Payload(estimate.mass, estimate.com)``.
+        An inertia that no distribution of mass has is replaced by a physical one close to it.
+
+        Raises:
+            RobotError: a negative mass.
         """
-        return Payload(self.mass, self.com, self.inertia)
+        pi = nearest_physical(np.array([self.mass, 0.0, 0.0, 0.0, *self.inertia]))
+        return Payload(self.mass, self.com, pi[4:])
 
     def report(self) -> Report:
         """Return the table, and what the load accounts for where other bodies changed too."""

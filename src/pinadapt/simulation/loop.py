@@ -126,7 +126,7 @@ def run(
             is, at rest.
         dt: controller period, for which each torque is held [s].
         duration: s; None for as long as samples are taken from the iterator.
-        state: the controller's initial state; None for its own at the first measurement.
+        state: the controller's initial state, as of ``init``; None: at the first measurement.
         sensors: through which the controller sees the plant; None for perfect ones.
         ideal_acceleration: give the law the acceleration that its torque will cause.
         events: changes of the plant, and announcements to the controller; None for none.
@@ -288,7 +288,7 @@ def run_continuous(
         trajectory: the desired motion, exactly as it is, as in ``run``.
         dt: integration step [s].
         duration: s, whose end has a sample of its own; None for as long as samples are taken.
-        state: the controller's initial state; None for its own at the first measurement.
+        state: the controller's initial state, as of ``init``; None: at the first measurement.
         ideal_acceleration: give the law the plant's own acceleration instead of the filtered one.
         events: changes of the plant, and announcements to the controller; None for none.
 
