@@ -211,7 +211,7 @@ def mjcf_text(robot: Any, *, free_joint: bool = True) -> str:
     """Return the text of an MJCF file of the chain of a ``Robot`` alone, without shapes.
 
     Joints have limits, ``damping``, ``frictionloss`` and ``armature``; each has a motor, limited to
-    its effort. The task frame is a site. A free base has a free joint; without
+    its effort. Task frames and contacts are sites. A free base has a free joint; without
     ``free_joint`` the six joints of the model.
 
     Raises:
@@ -227,7 +227,8 @@ def mjcf_text(robot: Any, *, free_joint: bool = True) -> str:
     root.append(first_comment(robot, words))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    taken = {*robot.frames, "world"}
+    sites = dict.fromkeys([*robot.frames, *(contact.frame for contact in robot.contacts)])
+    taken = {*sites, "world"}
     base = ElementTree.SubElement(root, "worldbody")
     if list(model.parents)[1:].count(0) > 1:  # of several bodies at the base one would be read
         base = ElementTree.SubElement(base, "body", name=free_name("base", taken))
@@ -269,7 +270,7 @@ def mjcf_text(robot: Any, *, free_joint: bool = True) -> str:
         if np.isfinite(effort):
             motor.set("ctrlrange", digits([-effort, effort]))
             joint.set("actuatorfrcrange", digits([-effort, effort]))  # as robots are read
-    for name in robot.frames:
+    for name in sites:
         frame = model.frames[frame_id(model, name)]
         ElementTree.SubElement(
             bodies[frame.parentJoint], "site", {"name": name, **_at(frame.placement)}
