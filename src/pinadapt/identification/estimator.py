@@ -242,7 +242,8 @@ class Estimator:
     """Bodies, load and friction of a robot from q, v and tau, whatever moves it.
 
     ``init`` and ``step`` are pure. Windows in which nothing moves are not read, as friction then
-    hides the torque; after a gap between samples windows begin anew.
+    hides the torque: a load that changes meanwhile is found when the robot moves. After a gap
+    between samples windows begin anew.
 
     M. Shinbrot, *On the analysis of linear and nonlinear systems*, Trans. ASME 79 (1957) 547-552.
 
