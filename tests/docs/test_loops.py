@@ -15,20 +15,20 @@ example = partial(page_module, "loops")
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "needs", "duration", "share"),
+    ("name", "needs", "duration"),
     [
-        ("pink_gravity", "pink", 0.5, 0.3),
-        ("learning_policy", "pinadapt", 0.8, 0.1),
-        ("quadruped_qp", "qpsolvers", 0.7, 0.05),
-        ("mujoco_sampling", "mujoco", 1.2, 0.1),
+        ("pink_gravity", "pink", 0.4),
+        ("learning_policy", "pinadapt", 0.5),
+        ("quadruped_qp", "qpsolvers", 0.4),
+        ("mujoco_sampling", "mujoco", 0.8),
     ],
 )
-def test_a_learned_model_errs_less(name, needs, duration, share):
+def test_a_learned_model_errs_less(name, needs, duration):
     pytest.importorskip(needs)
     found = example(name)
-    found.SAMPLES = 20  # half of what the last one draws
+    found.SAMPLES = 10  # a quarter of what the last one draws
     without, learned = (found.run(learn, duration)[-1] for learn in (False, True))
-    assert learned < share * without
+    assert learned < 0.3 * without
 
 
 @pytest.mark.slow
@@ -40,14 +40,16 @@ def test_a_franka_is_told_its_load(tmp_path):
     (tmp_path / "fr3.urdf").write_text(urdf)
     server = Franka("127.0.0.1")
     found = example("franka_load")
-    found.move = partial(found.move, duration=3.0)
+    seconds = iter([3.0, 1.6])  # to find the load, and to see its effect
+    move = found.move
+    found.move = lambda *given: move(*given, next(seconds))
     try:
         load, before, after = found.run(server.address, tmp_path / "fr3.urdf")
     finally:
         server.close()
     heavy = MASS + FINGERS  # the robot states its hand without the fingers
     assert abs(load.mass - heavy) < min(2.0 * load.mass_known_to, 0.06)
-    assert after[1500:].max() < 0.9 * before[1500:].max()
+    assert after[800:].max() < 0.9 * before[800:].max()
 
 
 def test_a_node_publishes_the_load(monkeypatch):

@@ -30,7 +30,6 @@ from threadpoolctl import threadpool_limits
 
 from .._output import Printed, Report, Table
 from ..description.chain import angles_from_configuration
-from ..information.information import Information
 from ..information.measured_motion import Averages, evenly, integrated
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
@@ -305,16 +304,16 @@ def _fit(motion: _Motion) -> _Fit:
     scale = motion.scale
     Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
+    heavy = scale[-PER_BODY]  # times x is the mass of the load
     fit = bare
     for _ in range(2):
         noise = math.sqrt(len(tau) / _WORTH) * fit.left * rms(motion.tau, 0)
-        W = rows[..., :-1]
-        r = rows[..., -1]
-        found = Information.of_rows((), np.zeros(len(scale)), W, r, noise, 1.0).refined()
-        x = found.estimate
+        W, r = np.split((rows / noise[:, None]).reshape(-1, rows.shape[2]), [-1], axis=1)
+        given = np.column_stack([W.T @ r, heavy])
+        x, spread = np.linalg.solve(np.eye(heavy.size) + W.T @ W, given).T
         fit = _compared(motion, tau - Y @ x, d)
     loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
-    mass, (deviation,) = float(scale[-PER_BODY] @ x), found.deviation(scale[[-PER_BODY]])
+    mass, deviation = float(heavy @ x), math.sqrt(heavy @ spread)
     mass *= abs(mass) > 2.0 * deviation  # beyond which are 5 % of loads that are none
     fit = loaded._replace(left=fit.left, price=x @ x / _WORTH, load=mass)
     best = min(bare, fit, key=lambda one: one.score)
