@@ -45,7 +45,7 @@ def loop(law, name, adaptation, **gains):
 def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.01, dt=1e-4)
+    energy = energy_along(true, controller, path, seconds=0.006, dt=1e-4)
     energy.check(after=40)  # at first R rises from W = 0 within a few samples
 
 
@@ -61,7 +61,7 @@ def test_lyapunov_equality_with_friction_and_rotors(adaptation):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation=adaptation, **gains
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.008)
     energy.check(after=10)
 
 

@@ -129,7 +129,7 @@ def test_lyapunov_equality_under_constraints(make, adaptation):
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
     x = robot.position(robot.q0)
     path = pa.trajectories.Sinusoid(x, 0.02 * np.ones(x.size), 1.0 + 0.1 * np.arange(x.size))
-    energy = energy_along(robot, controller, path, seconds=4e-3, dt=5e-5)
+    energy = energy_along(robot, controller, path, seconds=2.6e-3, dt=5e-5)
     assert energy.mismatch(after=40) <= 1e-7
 
 

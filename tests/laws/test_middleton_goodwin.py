@@ -63,7 +63,7 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     right = []
     size = 0.0
     for sample in islice(
-        pa.simulation.run_continuous(pa.plants.PinocchioPlant(true), controller, path, dt=dt), 40
+        pa.simulation.run_continuous(pa.plants.PinocchioPlant(true), controller, path, dt=dt), 20
     ):
         s, _ = controller.command(sample.state, sample.measurement, sample.desired)
         left.append(s.dxd_hat - zeta(controller, s))
