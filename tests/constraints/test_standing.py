@@ -215,7 +215,7 @@ def test_lyapunov_equality_whatever_the_constraint_forces_are(name, adaptation):
 def test_what_a_standing_robot_excites_is_known_to_its_deviations():
     """Under noise of the motors' torques alone; nobody measures the forces of the contacts."""
     robot = standing("a1")
-    controller = pa.make_controller(robot, unknown=TRUNK)
+    controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
     run = pa.simulate(robot.changed(payload=pa.Payload(6.0)), controller, Sway(robot), duration=1.5)
     rng = np.random.default_rng(0)
     samples = run.evaluated().samples
@@ -237,9 +237,9 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     load = pa.Payload(11.0, [0.2 * high, 0.08 * high, 0.32 * high])
     true = robot.changed(payload=load)
     controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
-    run = pa.simulate(true, controller, Sway(robot), duration=2.4, engine="mujoco")
+    run = pa.simulate(true, controller, Sway(robot), duration=1.6, engine="mujoco")
     trunk = true.model.inertias[6]
-    assert run.distance.max() < 4e-3 and run.distance[-400:].max() < 1e-4
+    assert run.distance.max() < 4e-3 and run.distance[-250:].max() < 1e-4
     assert abs(run.a_d[-1, 0] / trunk.mass - 1.0) < 0.02
     with pytest.raises(pa.ParameterError, match="not measured"):
         run.payload()
@@ -275,7 +275,7 @@ def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
     ]
     path = pa.trajectories.Stacked(own).starting_at(robot.position(robot.q0)).from_rest()
     controller = pa.make_controller(robot, unknown=TRUNK, dt=2e-3)
-    rollout = pa.simulate(true, controller, path, duration=2.5, engine="mujoco")
+    rollout = pa.simulate(true, controller, path, duration=1.6, engine="mujoco")
     assert rollout.distance.max() < 3e-3 and rollout.window(False).max() < 2e-4
     assert rollout.infeasible == ()
     found = rollout.a_d[-1, [0, 10]]

@@ -31,27 +31,6 @@ def test_a_learned_model_errs_less(name, needs, duration):
     assert learned < 0.3 * without
 
 
-@pytest.mark.slow
-def test_a_franka_is_told_its_load(tmp_path):
-    pytest.importorskip("pylibfranka")
-    urdf = pytest.importorskip("franky_sim.urdf").FR3_URDF
-    from tests.support.franka_server import FINGERS, MASS, Franka
-
-    (tmp_path / "fr3.urdf").write_text(urdf)
-    server = Franka("127.0.0.1")
-    found = example("franka_load")
-    seconds = iter([3.0, 1.6])  # to find the load, and to see its effect
-    move = found.move
-    found.move = lambda *given: move(*given, next(seconds))
-    try:
-        load, before, after = found.run(server.address, tmp_path / "fr3.urdf")
-    finally:
-        server.close()
-    heavy = MASS + FINGERS  # the robot states its hand without the fingers
-    assert abs(load.mass - heavy) < min(2.0 * load.mass_known_to, 0.06)
-    assert after[800:].max() < 0.9 * before[800:].max()
-
-
 def test_a_node_publishes_the_load(monkeypatch):
     published = []
     timers = []

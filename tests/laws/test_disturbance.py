@@ -63,13 +63,13 @@ def test_a_torque_of_others_is_estimated_and_leaves_no_error(name):
     push = push * np.cos(np.arange(push.size))
     for adaptation in ("natural-memory", "natural"):
         controller = pa.make_controller(
-            robot, adaptation=adaptation, unknown=RIGID, limits=pa.Limits(guards=False)
+            robot, adaptation=adaptation, unknown=RIGID, limits=pa.Limits(guards=False), dt=2e-3
         )
         plant = Pushed(robot)
         plant.push = push
         start = controller.init(plant.measure(), adapting=False)
-        stream = pa.run(plant, controller, pa.trajectories.Hold(held), dt=1e-3, state=start)
-        samples = list(islice(stream, 1500))
+        stream = pa.run(plant, controller, pa.trajectories.Hold(held), dt=2e-3, state=start)
+        samples = list(islice(stream, 750))
         assert np.array_equal(samples[-1].state.a_d, start.a_d)
         errors = [np.abs(sample.measurement.x - held).max() for sample in samples]
         ends.append((samples[-1].state.filters.disturbance, max(errors), errors[-1]))

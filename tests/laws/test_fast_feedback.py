@@ -96,7 +96,7 @@ def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptatio
             true,
             controller,
             circle_at_home(true),
-            duration=2.0,
+            duration=1.2,
             engine=SOFT,
         )
         runs.append(run)

@@ -76,7 +76,7 @@ def test_an_unknown_load_is_tracked(law, scale, size, share):
 def test_the_two_link_arm_of_slotine_and_li():
     """Example 9.3 of *Applied Nonlinear Control*, in numbers of an independent simulation."""
     scenario = robots_folder() / "two_link" / "slotine_li_1991.toml"
-    rollout = Scenario.read(scenario, ["controller.dt=2e-3"]).run()
+    rollout = Scenario.read(scenario, ["engine.dt=2e-3"]).run()
     rms = np.degrees(np.sqrt(np.mean(rollout.error**2, axis=0)))
     assert np.allclose(rms, [0.693, 0.333], atol=5e-4)
     assert np.allclose(rollout.a_d[-1], [0.173, 0.661, 1.759, 1.320], atol=6e-4)

@@ -225,7 +225,7 @@ def test_projection_prevents_divergence_of_gradient_adaptation():
 
 
 def test_ur5_learns_five_lengths_and_all_inertias():
-    shorter = ["simulation.duration=4.5", "controller.dt=0.004"]
+    shorter = ["simulation.duration=3.0", "controller.dt=0.004"]
     scenario = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml", shorter)
     rollout = scenario.run()
     assert rollout.diverged is None

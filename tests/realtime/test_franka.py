@@ -11,11 +11,14 @@ import pinadapt as pa
 from pinadapt.cli import main
 from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
-from tests.support.franka_server import MASS, TOOL, Franka
+from tests.support.franka_server import FINGERS, MASS, TOOL, Franka
+from tests.support.paths import page_module
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("forked")]
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 pytest.importorskip("franky_sim", reason="franky-sim is not installed")
+from franky_sim.urdf import FR3_URDF  # noqa: E402
+
 from pinadapt.realtime.franka import FrankaArm  # noqa: E402
 
 
@@ -109,3 +112,18 @@ def test_a_load_that_is_told_is_compensated(franka, tmp_path):
     assert main(["drive", "franka", franka.address, *given, "--safety", "late=1000000"]) == 0
     q = CycleLog.read(path).cycles.q
     assert np.abs(q - q[0]).max() < 1e-3
+
+
+def test_the_example_finds_a_load_and_tells_it(franka, tmp_path):
+    (tmp_path / "fr3.urdf").write_text(FR3_URDF)
+    found = page_module("loops", "franka_load")
+    other = found.franka.Robot(franka.address, found.franka.RealtimeConfig.kIgnore)
+    other.set_load(0.0, [0.0] * 3, [0.0] * 9)  # in place of the one above
+    del other
+    seconds = iter([2.4, 1.6])  # to find the load, and to see its effect
+    move = found.move
+    found.move = lambda *given: move(*given, next(seconds))
+    load, before, after = found.run(franka.address, tmp_path / "fr3.urdf")
+    heavy = MASS + FINGERS  # the robot states its hand without the fingers
+    assert abs(load.mass - heavy) < min(2.0 * load.mass_known_to, 0.06)
+    assert after[800:].max() < 0.9 * before[800:].max()

@@ -66,7 +66,7 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     """All joints together; one that hardly turns has no white noise of counts."""
     init = Controller.init
     monkeypatch.setattr(Controller, "init", lambda *a, **k: init(*a, **k).adapt(False))
-    rollout = run(name, 2.5, load=None, sensors=sensors)
+    rollout = run(name, 1.7, load=None, sensors=sensors)
     later = rollout.t > 0.7
     of = rollout.evaluated().controller
     told = np.array([of.disturbance_noise(q, of.period) for q in rollout.q[later]])

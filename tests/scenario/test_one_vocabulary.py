@@ -43,6 +43,7 @@ CHANGES = {
     "coulomb": [0.1, 0.2],
     "friction": FRICTION,
 }
+GAINS = (*NAMES, *RATES)
 # A value for each field; a field without one fails the test below.
 VALUES = {
     "robot": {
@@ -71,7 +72,7 @@ VALUES = {
         "payload": PAYLOAD,
         "compensated": "nominal",
         "dt": 2e-3,
-        **dict.fromkeys((*NAMES, *RATES), 1.5),
+        **{name: 1.5 + 0.1 * k for k, name in enumerate(GAINS)},
         "lambda_s": 50.0,
         "lag": 0.01,
         "posture": None,
@@ -150,11 +151,15 @@ CASES = [
     (table, {name: value})
     for table, values in VALUES.items()
     for name, value in values.items()
-    if value is not None
+    if value is not None and name not in GAINS
 ]
 CASES += [
-    ("trajectory", {"kind": kind, **{n: MOTION[n] for n in arguments(MOTIONS[kind])}})
-    for kind in PLANAR
+    ("controller", {name: VALUES["controller"][name] for name in GAINS if name != "posture"}),
+
+    *(
+        ("trajectory", {"kind": kind, **{n: MOTION[n] for n in arguments(MOTIONS[kind])}})
+        for kind in PLANAR
+    ),
 ]
 
 

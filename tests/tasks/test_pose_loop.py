@@ -51,7 +51,7 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters():
 
 
 @pytest.mark.parametrize(
-    ("law", "duration"), [("adaptive-inverse-dynamics", 6.0), ("adaptive-jacobian", 4.0)]
+    ("law", "duration"), [("adaptive-inverse-dynamics", 6.0), ("adaptive-jacobian", 3.5)]
 )
 def test_panda_learns_tool_and_load_and_tracks_its_pose(law, duration):
     robot = pose_robot()

@@ -317,7 +317,7 @@ def test_tiago_learns_both_tools_and_loads():
     true = with_tools_and_loads(robot).changed(viscous=0.5, coulomb=0.3)
     controller = pa.make_controller(robot, dt=4e-3)
     path = circles(true, 0.05, 6.0).from_rest()
-    rollout = pa.simulate(true, controller, path, duration=4.0)
+    rollout = pa.simulate(true, controller, path, duration=3.0)
     assert rollout.window(True).max() < 5e-3 and rollout.window(False).max() < 2e-5
     assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 1e-5
     assert rollout.angle[-25:].max() < 1e-4
