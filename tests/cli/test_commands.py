@@ -130,7 +130,7 @@ def test_a_refused_input_is_status_2_and_a_message(setting, words, tmp_path, cap
 def test_a_run_prints_the_load_that_it_found(tmp_path, capsys):
     """A load of 1.5 kg, from two seconds of an exciting motion with noise of the torques."""
     excited = str(robots_folder() / "panda" / "excited_load.toml")
-    assert run(excited, tmp_path, "simulation.duration=2.0") == 0
+    assert run(excited, tmp_path, "simulation.duration=2.0", "controller.dt=0.002") == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("mass "))
     mass, known = (float(part) for part in row.split() if part[0].isdigit())
     assert abs(mass - 1.5) < 3.0 * known < 0.1

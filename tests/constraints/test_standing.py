@@ -1,5 +1,6 @@
 """Robots that stand: regressors and Jacobians of the tree, forces, V, loads found in MuJoCo."""
 
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -23,7 +24,9 @@ FEET = {
 TRUNK = pa.Unknown(bodies="payload", friction=False, armature=False)
 
 
+@cache
 def standing(name, **options):
+    """Return a robot on its feet, loaded once: no test writes to it."""
     return pa.load(name, base="free", contacts=FEET[name], **options)
 
 
@@ -255,14 +258,14 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
 @pytest.mark.slow
 def test_a_robot_that_stands_moves_its_trunk_and_a_hand():
     """Talos on two soles, poses of both, with unknown loads on trunk and hand."""
-    frames = ["base_link", "gripper_left_base_link"]
+    frames = ("base_link", "gripper_left_base_link")
     n = range(1, 8)
     locked = [*(f"arm_right_{k}_joint" for k in n), "gripper_left_joint", "gripper_right_joint"]
-    options = {"frames": frames, "locked": [*locked, "head_1_joint", "head_2_joint"]}
+    options = {"frames": frames, "locked": (*locked, "head_1_joint", "head_2_joint")}
     robot = standing("talos", **options)
     bent = {"arm_left_2_joint": 0.4, "arm_left_4_joint": -1.4, "arm_left_6_joint": 0.7}
     home = zip(robot.joint_names, robot.home_angles, strict=True)
-    robot = standing("talos", **options, q0=[bent.get(name, angle) for name, angle in home])
+    robot = standing("talos", **options, q0=tuple(bent.get(name, angle) for name, angle in home))
     trunk = pa.Payload(8.0, (-0.1, 0.0, 0.2))
     hand = pa.Payload(0.5, (0.0, 0.0, -0.05))
     true = robot.changed(payload=dict(zip(frames, (trunk, hand), strict=True)))

@@ -315,7 +315,7 @@ def test_estimates_stay_in_their_box():
             controller = pa.make_controller(
                 robot, adaptation="natural", limits=pa.Limits(box=box), gamma_k=0.5, dt=2e-3
             )
-            runs[box] = pa.simulate(true, controller, path, duration=0.25, engine=engine)
+            runs[box] = pa.simulate(true, controller, path, duration=0.15, engine=engine)
             assert runs[box].diverged is None
         low = controller.kinematics.initial - 0.03
         high = controller.kinematics.initial + 0.03

@@ -101,7 +101,7 @@ def recorded(name, dt, control=None, **truth):
         robot, unknown=pa.Unknown(friction=True, armature=True), adaptation="none", **control or {}
     )
     rollout = pa.simulate(
-        robot, controller, motion_at_home(robot), duration=0.25, engine=pa.Engine(dt=dt, substeps=8)
+        robot, controller, motion_at_home(robot), duration=0.15, engine=pa.Engine(dt=dt, substeps=8)
     )
     return robot, controller.dynamics, rollout
 

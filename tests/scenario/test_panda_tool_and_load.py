@@ -15,7 +15,7 @@ PANDA = ROOT / "robots" / "panda" / "tool_and_load.toml"
 
 
 def test_panda_learns_its_tool_and_tracks_ten_times_better_than_unadapted():
-    adapted = Scenario.read(PANDA, ["simulation.duration=2.0"]).run()
+    adapted = Scenario.read(PANDA, ["simulation.duration=2.0", "controller.dt=0.002"]).run()
     assert adapted.diverged is None and adapted.summary()["max_error_last"] <= 1e-3
     assert len(adapted.dynamic_names) == 70 + 21
     assert adapted.min_eig_M_hat.min() > 0.0

@@ -125,7 +125,9 @@ def test_a_loop_lost_without_a_declaration_follows_with_it():
     errors = []
     chatter = []
     for declared in (None, actuators):
-        controller = made(robot.changed(inertial_scale=0.7), declared, adaptation="natural")
+        controller = made(
+            robot.changed(inertial_scale=0.7), declared, adaptation="natural", dt=2e-3
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of motors that are not declared
             rollout = pa.simulate(

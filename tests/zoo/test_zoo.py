@@ -18,8 +18,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def sooner(monkeypatch):
-    """Let runs at 333 Hz end after 12 s, where robots have converged."""
-    monkeypatch.setattr("pinadapt.zoo.experiment.LEAST_DURATION", 12.0)
+    """Let runs at 333 Hz end after 8 s, where robots have converged."""
+    monkeypatch.setattr("pinadapt.zoo.experiment.LEAST_DURATION", 8.0)
     monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 3e-3)
 
 
