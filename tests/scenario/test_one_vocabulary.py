@@ -155,7 +155,6 @@ CASES = [
 ]
 CASES += [
     ("controller", {name: VALUES["controller"][name] for name in GAINS if name != "posture"}),
-
     *(
         ("trajectory", {"kind": kind, **{n: MOTION[n] for n in arguments(MOTIONS[kind])}})
         for kind in PLANAR
