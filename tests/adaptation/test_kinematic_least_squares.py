@@ -15,11 +15,11 @@ SLOPE = {"kinematic_adaptation": "gradient"}
 SLOW = {"gamma_d": 1.0, "unknown": pa.Unknown(friction=False, armature=False)}
 
 
-def planar(**options):
+def planar():
     robot = catalogue_robot("planar_2r")
     unknown = pa.Unknown(lengths=True, basis=BASIS, lmi=LMI, friction=False, armature=False)
     start = {"a_k": np.array([1.05, 1.3]), "a_d": np.array([4.0, 0.5, 0.5])}
-    controller = pa.make_controller(robot, **{**SLOW, **FIT, "unknown": unknown, **options})
+    controller = pa.make_controller(robot, **{**SLOW, **FIT, "unknown": unknown})
     return robot, controller, CIRCLE, start
 
 
@@ -41,7 +41,6 @@ def with_base(name, **options):
 
 CASES = {
     "planar": planar,
-    "planar, (11)": lambda: planar(law="adaptive-inverse-dynamics"),
     "ur5, base": lambda: with_base("ur5"),
     "ur5, Jacobian": lambda: arm("ur5", law="adaptive-jacobian"),
     "panda, memory": lambda: arm("panda", adaptation="natural-memory"),

@@ -111,7 +111,7 @@ def test_lyapunov_equality_with_an_unknown_tracker(name, kinematic):
         R_k=5.0,
     )
     energy = energy_along(
-        true, controller, circle_of(true, robot, turn=turn).as_given(), seconds=0.012
+        true, controller, circle_of(true, robot, turn=turn).as_given(), seconds=0.007
     )
     energy.check()
     check_kinematic_part(energy, controller, true)
@@ -151,7 +151,7 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
         R = turned(state.filters.R, off * np.array([0.3, -0.2, 0.4]))
         return state._replace(filters=state.filters._replace(R=R))
 
-    energy = energy_along(true, controller, path, seconds=0.012, dt=3e-4, begin=begin)
+    energy = energy_along(true, controller, path, seconds=6e-3, dt=3e-4, begin=begin)
     energy.check(within=1e-5)
     check_kinematic_part(energy, controller, true)
 
@@ -180,7 +180,7 @@ def test_without_an_excitation_the_path_waits_until_the_axes_are_known():
     """The joints are held, under the load, while the frame moves by millimetres."""
     robot, true, circle = half_a_turn_off()
     controller = pa.make_controller(robot, unknown=UNKNOWN, dt=4e-3)
-    rollout = pa.simulate(true, controller, circle, duration=5.5, start={}, record_every=2)
+    rollout = pa.simulate(true, controller, circle, duration=4.8, start={}, record_every=2)
     begins = int(np.argmax(rollout.path_time > 0.0))
     assert rollout.diverged is None and 3.5 < rollout.t[begins] < 4.0
     assert rollout.distance[:begins].max() < 0.01 * robot.reach

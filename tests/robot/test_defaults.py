@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 FILES = {
     "arm4": ARM4,
-    **{name: example_path(name) for name in ("ur10", "panda", "a1", "double_pendulum_simple")},
+    **{name: example_path(name) for name in ("panda", "a1", "double_pendulum_simple")},
 }
 
 

@@ -193,7 +193,7 @@ def written(value):
     return tomlkit.item(value).as_string()
 
 
-BASE = {"robot": {"source": "planar_2r"}, "simulation": {"duration": 4e-3}}
+BASE = {"robot": {"source": "planar_2r", "q0": [0.5, 1.0]}, "simulation": {"duration": 4e-3}}
 
 
 def run_of_python(table, given):
