@@ -65,13 +65,6 @@ def errors(found):
     return np.sqrt(np.mean(off[masses] ** 2)), np.linalg.norm(W @ off) / np.linalg.norm(W @ a)
 
 
-def test_noise_of_the_torques_is_no_gain():
-    """A load is known as well as gains of 5 % allow, whatever the share of noise."""
-    load = identified(known=False, wrong=False).payload()
-    assert abs(load.mass - MASS) < 2.0 * load.mass_known_to
-    assert load.mass_known_to < 0.05 * MASS
-
-
 def test_a_known_load_shows_the_gains_of_the_torques():
     found = identified(known=True, wrong=True)
     plain = identified(known=False, wrong=True)
@@ -97,6 +90,8 @@ def test_right_gains_stay_right():
     found = identified(known=True, wrong=False)
     plain = identified(known=False, wrong=False)
     assert (np.abs(found.gains.estimate - 1.0) < 3.0 * found.gains.deviations).all()
+    load = plain.payload()  # by gains of 5 %, whatever the share of noise
+    assert abs(load.mass - MASS) < 2.0 * load.mass_known_to < 0.1 * MASS
     assert errors(found)[1] < errors(plain)[1] + 3e-3  # to which the gains are known
     assert np.allclose(found.torque_errors.learned_held_out, plain.torque_errors.learned_held_out,
                        rtol=0.1)  # fmt: skip

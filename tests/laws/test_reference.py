@@ -59,18 +59,6 @@ def test_loop_falls_on_its_reference(name):
     assert np.abs(rollout.tau - reference("tau1", "tau2")).max() <= 1e-3
 
 
-def test_truth_is_the_papers():
-    rollout = pa.simulate(
-        catalogue_robot("planar_2r"),
-        controller("adaptive-jacobian"),
-        CIRCLE,
-        duration=0.01,
-        start=WRONG,
-    )
-    assert np.allclose(rollout.a_k_true, [1.0, 1.2])
-    assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
-
-
 @pytest.mark.parametrize("dt", [1e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""

@@ -146,17 +146,6 @@ def test_equality_with_a_reference_that_keeps_speeds():
     assert 0.03 < np.abs(asked).max() < 1.06 * 0.04
 
 
-def test_a_wrist_is_held_that_law_11_loses():
-    """Default gains, without task velocity."""
-    robot = catalogue_robot("kinova")
-    true = with_tool_and_load(robot)
-    believed = robot.changed(inertial_scale=0.7)
-    controller = pa.make_controller(believed, law="separation", dt=4e-3)
-    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=3.0)
-    assert rollout.diverged is None
-    assert rollout.distance[-62:].max() < 0.1 * rollout.distance[:62].max()
-
-
 @pytest.mark.parametrize("task", [None, "pose"])
 def test_the_observer_is_that_of_its_differential_equation(task):
     """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""

@@ -57,10 +57,9 @@ def test_a_push_on_a_learned_robot_is_its_joint_torque(name):
     ("name", "sensors"),
     [
         ("panda", pa.Sensors(encoder=2.0 * np.pi / 2**14)),
-        ("ur5", pa.Sensors(encoder=2.0 * np.pi / 2**17)),
         ("ur5", pa.Sensors(noise={"v": 1e-2})),
     ],
-    ids=["14 bit", "17 bit", "noise"],
+    ids=["14 bit", "noise"],
 )
 def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypatch):
     """All joints together; one that hardly turns has no white noise of counts."""

@@ -137,10 +137,3 @@ def test_a_slow_lift_slows_its_path():
     speed = (np.abs(found.v) / robot.model.velocityLimit).max()
     assert speed < 1.03  # at rest the unknown load alone moves it at a third of its limit
     assert found.slowed[0].cause.startswith("joint speed of torso_lift_joint")
-
-
-def test_the_governor_never_acts_on_good_runs():
-    true, model = unknown(catalogue_robot("panda"))
-    found = run(true, model, begun(pa.reachable_circle(model), true), 1.0, governed=True)
-    assert found.diverged is None and not found.slowed
-    assert found.path_time is None or np.allclose(found.path_time, found.t)

@@ -50,14 +50,13 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters():
     assert rollout.distance[-1] < 1e-6 and rollout.angle[-1] < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("law", "duration"), [("adaptive-inverse-dynamics", 6.0), ("adaptive-jacobian", 3.5)]
-)
-def test_panda_learns_tool_and_load_and_tracks_its_pose(law, duration):
+def test_panda_learns_tool_and_load_and_tracks_its_pose():
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
-    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law=law, dt=2e-3)
-    rollout = pa.simulate(true, controller, circle(true), duration=duration, record_every=10)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7), law="adaptive-jacobian", dt=2e-3
+    )
+    rollout = pa.simulate(true, controller, circle(true), duration=3.5, record_every=10)
     summary = rollout.summary()
     assert summary["diverged"] is None
     assert summary["max_error_last"] < 1e-3

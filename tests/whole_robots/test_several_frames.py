@@ -308,16 +308,3 @@ def test_a_scenario_of_two_frames_is_written_and_runs(tmp_path, capsys):
     assert scenario.true.mass > scenario.estimated.mass
     assert main(["init", str(source), *frames, "--tracker", "--out", str(tmp_path / "b.toml")]) != 0
     assert "one task frame" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@UNPHYSICAL
-def test_tiago_learns_both_tools_and_loads():
-    robot = tiago(task="pose")
-    true = with_tools_and_loads(robot).changed(viscous=0.5, coulomb=0.3)
-    controller = pa.make_controller(robot, dt=4e-3)
-    path = circles(true, 0.05, 6.0).from_rest()
-    rollout = pa.simulate(true, controller, path, duration=3.0)
-    assert rollout.window(True).max() < 5e-3 and rollout.window(False).max() < 2e-5
-    assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 1e-5
-    assert rollout.angle[-25:].max() < 1e-4
