@@ -61,7 +61,7 @@ def test_lyapunov_equality_with_friction_and_rotors(adaptation):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation=adaptation, **gains
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.008)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
     energy.check(after=10)
 
 

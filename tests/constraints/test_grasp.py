@@ -63,7 +63,7 @@ def test_lyapunov_equality_of_two_arms_with_an_object():
     robot = holding()
     true = robot.changed(payload=OBJECT)
     controller = pa.make_controller(robot, unknown=UNKNOWN, limits=pa.Limits(guards=False))
-    energy = energy_along(true, controller, path(true, 0.02), seconds=2e-3, dt=1e-4)
+    energy = energy_along(true, controller, path(true, 0.02), seconds=4e-3, dt=1e-4)
     assert energy.mismatch(after=10) <= 1e-6
 
 

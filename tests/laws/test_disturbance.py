@@ -30,7 +30,7 @@ def test_lyapunov_equality_with_a_disturbance_that_is_no_small_part_of_v(name):
         return state._replace(filters=state.filters._replace(disturbance=d))
 
     path = circle_beside(true, "xy" if name == "scara" else "yz", (1e-3, -1e-3, 2e-3))
-    energy = energy_along(true, controller, path, seconds=4e-3, dt=2e-4, begin=begin)
+    energy = energy_along(true, controller, path, seconds=6e-3, dt=3e-4, begin=begin)
     d, wrong = (
         np.array([part(s) for s, _, _ in energy.samples])
         for part in (lambda s: s.filtered.disturbance, lambda s: s.residual)

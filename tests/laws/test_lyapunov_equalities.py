@@ -62,7 +62,7 @@ CASES = [
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
     # the prediction error of the filters begins at zero, and counts only in a longer run
-    run = {"seconds": 0.03, "dt": 1e-3} if name == "planar_2r" else {"seconds": 0.008}
+    run = {"seconds": 0.03, "dt": 1e-3} if name == "planar_2r" else {"seconds": 0.014, "dt": 7e-4}
     energy = energy_along(true, controller, path, **run, **start)
     energy.check()
 
