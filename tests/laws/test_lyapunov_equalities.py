@@ -53,7 +53,7 @@ LAWS = [
 
 CASES = [
     ("planar_2r", "natural"),
-    *((name, "gradient") for name in ("planar_2r", "scara", "kinova")),
+    *((name, "gradient") for name in ROBOTS),
 ]
 
 
