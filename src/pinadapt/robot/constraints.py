@@ -97,7 +97,7 @@ class Loop:
             whatever takes the least torques of the motors.
 
     Raises:
-        RobotError: rows that do not exist, or a squeeze of frames that meet.
+        RobotError: one frame twice, rows that do not exist, or a squeeze of frames that meet.
     """
 
     frame_a: str
@@ -108,6 +108,8 @@ class Loop:
 
     def __post_init__(self) -> None:
         """Refuse what is no loop."""
+        if self.frame_a == self.frame_b:
+            raise RobotError(f"'{self.frame_a}' is both frames.", where="loops.frame_b")
         if not self.rows or not set(self.rows) <= set(range(6)):
             raise RobotError("expected some of 0 to 5.", where="loops.rows")
         flag(self.closed, "loops.closed")

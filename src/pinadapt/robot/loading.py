@@ -139,7 +139,13 @@ def load(
     if frame is not None and named:
         raise RobotError("give one frame, or several, not both.", where="frames")
     feet = parts_of(Contact, contacts, "contacts")
-    for where, names in (("frames", named), ("contacts", [foot.frame for foot in feet])):
+    closed = parts_of(Loop, loops, "loops")
+    every: dict[str, list[Any]] = {
+        "frames": named,
+        "contacts": [foot.frame for foot in feet],
+        "loops": [(part.frame_a, part.frame_b, *part.rows) for part in closed],
+    }
+    for where, names in every.items():
         if len(set(names)) != len(names):
             raise RobotError(f"one is given twice in {names}.", where=where)
     if frame is not None:
@@ -153,7 +159,6 @@ def load(
     found = describe(source, xacro=xacro, mass=mass)
     free = word(base, (FIXED, FREE), "base") == FREE
     known = named or name_list(found.frame or (), "frame")
-    closed = parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
     if len(named) > 1 and task in (JOINT, COM):
         raise RobotError(

@@ -367,8 +367,8 @@ class Robot(Printed):
             count: of the cameras, where none is given.
 
         Raises:
-            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, or
-                a joint task.
+            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, two
+                cameras that see it from one direction, or a joint task.
         """
         task = self.frame_task
         given = [numbers(H, "cameras", error=RobotError) for H in cameras]
@@ -389,7 +389,14 @@ class Robot(Printed):
                     where="cameras",
                     hint="The depth, row 3 of H times (p, 1), must be positive.",
                 )
-        return replace(self, task=ImageTask.seen_by(task, given, pixel))
+        seen = ImageTask.seen_by(task, given, pixel)
+        if np.linalg.cond(seen.jacobian(at, np.eye(6)[:, :3])) * ROUNDING > 1.0:
+            raise RobotError(
+                "at home the second picture adds nothing to the first one.",
+                where="cameras",
+                hint="Give cameras that see the frame from two directions.",
+            )
+        return replace(self, task=seen)
 
     @cached_property
     def in_base_axes(self) -> Robot:
