@@ -71,5 +71,8 @@ def test_a_doubtful_log_gives_a_nonzero_exit_status(copy, tmp_path, capsys):
     assert "do not fit the description" in printed.err.splitlines()[-1]
     assert not out.exists()
     assert main([*arguments, "--write-import-options"]) == 2
-    assert "do not fit" in (tmp_path / "log.import_options.toml").read_text()
-    (tmp_path / "log.import_options.toml").unlink()
+    beside = tmp_path / "log.import_options.toml"
+    assert not beside.exists()
+    assert main([*arguments, "--write-import-options", "--accept-doubts"]) == 2
+    assert "do not fit" in beside.read_text()
+    beside.unlink()

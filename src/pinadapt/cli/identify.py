@@ -71,13 +71,12 @@ def identify_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--compare",
-        type=Path,
         nargs="+",
         action="extend",
         default=[],
-        metavar="FILE",
-        help="other models of the robot, such as a published one: URDF with friction; their errors "
-        "stand in the report",
+        metavar="ROBOT",
+        help="other models of the robot, such as a published one: URDF with friction, or a name; "
+        "their errors stand in the report",
     )
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
@@ -242,8 +241,8 @@ def identify(options: Namespace) -> int:
     folder = _place(options, "identified", FILES)
     robot = _robot(options)
     compared = {
-        path.name: load(path, frame=robot.frame, locked=options.lock, joint_effects=True)
-        for path in options.compare
+        Path(each).name: load(each, frame=robot.frame, locked=options.lock, joint_effects=True)
+        for each in options.compare
     }
     try:
         found = identify_log(
@@ -299,15 +298,20 @@ def _write(
 
 
 def _write_import_options(options: Namespace, source: Path, given: ImportOptions | None) -> int:
-    """Read and check a log, write how it was read beside it, and print what was found."""
+    """Read and check a log, print what was found, and write beside it how a log that fits is read.
+
+    One that does not fit is only written about where its doubts are accepted.
+    """
     place = place_beside(source)
     robot = _robot(options)
     import_options = ImportOptions.of(given, source)
     check = check_torques(*log_and_robot(source, robot, import_options))
     how = f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}."
-    write_text(place, import_options.text([how, f"Checked: {check.verdict}"]))
     print(check)
-    print(f"\nwritten to {place}")
+    written = check.fits or import_options.doubtful
+    if written:
+        write_text(place, import_options.text([how, f"Checked: {check.verdict}"]))
+    print(f"\n{'' if written else 'not '}written to {place}")
     return Exit.DONE if check.fits else Exit.REFUSED
 
 

@@ -100,7 +100,7 @@ def identify(
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
-        LogError: a log that cannot be used.
+        LogError: a log that cannot be used, or is given twice.
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``import_options={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
@@ -128,6 +128,14 @@ def identify(
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
+        for other in logs:
+            pairs = (one.q, other.q), (one.tau, other.tau)
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                raise LogError(
+                    f"has the same samples as {other.source}.",
+                    where=one.source,
+                    hint="A test, and an arm without its load, need recordings of their own.",
+                )
         logs.append(one)
     without = [] if empty is None else [logs.pop()]
     logs = in_sequence(logs, _PAUSE)
