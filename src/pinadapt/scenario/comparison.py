@@ -23,7 +23,10 @@ NOT_ADAPTED = 'controller.adaptation="none"'
 
 
 def compare(
-    scenario: Path | str, laws: Sequence[str] | None = None, *, settings: str | Sequence[str] = ()
+    scenario: Path | str,
+    laws: str | Sequence[str] | None = None,
+    *,
+    settings: str | Sequence[str] = (),
 ) -> list[Rollout]:
     """Run a scenario under several laws; ``print(comparison_table(rollouts))`` shows them.
 
@@ -31,7 +34,7 @@ def compare(
 
     Args:
         scenario: its file.
-        laws: names of ``pinadapt.laws.LAWS``; None: all that fit the task.
+        laws: one or some names of ``pinadapt.laws.LAWS``; None: all that fit the task.
         settings: dotted "key=value" that override the file.
 
     Raises:
@@ -43,10 +46,10 @@ def compare(
 
 
 def under_laws(
-    scenario: Path | str, laws: Sequence[str] | None, settings: Sequence[str]
+    scenario: Path | str, laws: str | Sequence[str] | None, settings: Sequence[str]
 ) -> dict[str, Scenario]:
     """Return the scenario with each law, by name; None: with all laws that fit the task."""
-    laws = laws or laws_for(Scenario.read(scenario, settings))
+    laws = name_list(laws, "laws") if laws else laws_for(Scenario.read(scenario, settings))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
         return {
