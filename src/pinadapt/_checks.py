@@ -29,6 +29,8 @@ _SINGLE = np.finfo(np.float32)  # whose range is that of a user's numbers, compu
 LARGEST, SMALLEST = float(_SINGLE.max), float(_SINGLE.tiny)  # the latter of positive ones
 MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 
+_FLOAT, _ARRAY = np.dtype(float), np.ndarray
+
 _SHORT = Repr()
 # characters of a value in a message; half, twice: shorter and longer messages
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -194,6 +196,11 @@ def arithmetic(where: str, error: type[InputError] = InputError) -> Iterator[Non
             where=where,
             hint="Some are far too large or too small together: check their units.",
         ) from reason
+
+
+def is_array(value: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether this is an array of native floats of a shape."""
+    return value.__class__ is _ARRAY and value.dtype == _FLOAT and value.shape == shape
 
 
 def vector(

@@ -37,7 +37,7 @@ from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
-from .inputs import InputCheck, initial_estimate, squared
+from .inputs import COMMAND, VALUE, InputCheck, initial_estimate, made_by, squared
 from .learned import AlongExcited
 from .limits import ControllerLimits
 from .residuals import Guards
@@ -243,9 +243,10 @@ class Controller:
                 a_k = kinematics.initial_at(measurement.q, measurement.x)
             a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
             a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-            dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
-            H = squared(information_k, kinematics.size, "information_k")
-            kinematic = self.adaptation_k.init(a_k, H)
+            start = a_d, squared(information, dynamics.size)
+            dynamic = made_by(self.adaptation_d, "init", start, VALUE, a_d.shape)
+            start = a_k, squared(information_k, kinematics.size, "information_k")
+            kinematic = made_by(self.adaptation_k, "init", start, VALUE, a_k.shape)
             sensed = self.senses.init(measurement, kinematics, kinematic.value)
             if information_k is not None:
                 sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
@@ -453,9 +454,11 @@ class Controller:
                 s.adapting = False
             footing = self._footing(state.footing, s.stands, elapsed)
             model = self._model(state, s, elapsed)
-            torque, drives = self.sent(s, self.law.command(s, model))
-            dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
-            kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
+            torque, drives = self.sent(s, self._commanded(s, model))
+            moved = model.dynamic, drives.dynamic, elapsed
+            dynamic = made_by(model.adaptation_d, "step", moved, VALUE, s.a_d.shape)
+            moved = model.kinematic, drives.kinematic, elapsed
+            kinematic = made_by(model.adaptation_k, "step", moved, VALUE, s.a_k.shape)
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter = state.torque_filter
             path = state.path
@@ -599,7 +602,7 @@ class Controller:
         """
         with self.reserved():
             s = self._seen(state, measurement, desired)
-            return s, self.law.command(s, self._model(state, s, None))
+            return s, self._commanded(s, self._model(state, s, None))
 
     def contact_forces(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -630,7 +633,18 @@ class Controller:
         with self.reserved():
             self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
             self.dynamics.load(s.a_d)
-            return self.sent(s, self.law.command(s, self._model(state, s, None)))
+            return self.sent(s, self._commanded(s, self._model(state, s, None)))
+
+    def _commanded(self, s: Signals, model: EstimatedModel) -> Command:
+        """Return the law's command, which may be that of a user's own law.
+
+        Raises:
+            InputError: it is none, or its torque or a drive is of another size.
+        """
+        free = Frozen  # takes any drive
+        shape_d = None if self.adaptation_d.__class__ is free else s.a_d.shape
+        shape_k = None if self.adaptation_k.__class__ is free else s.a_k.shape
+        return made_by(self.law, "command", (s, model), COMMAND, s.v.shape, shape_d, shape_k)
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers, shown, vector
-from ..exceptions import InputError, MeasurementError, ParameterError
+from .._checks import instance, is_array, numbers, shown, vector
+from ..exceptions import InputError, MeasurementError, ParameterError, PinadaptError
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from .state import ControllerState
 
-_FLOAT, _ARRAY = np.dtype(float), np.ndarray
+# the arrays in what a law, and an adaptation, returns
+COMMAND = ("torque", "drives.dynamic.gradient", "drives.kinematic.gradient")
+VALUE = ("value",)
+_getter = cache(attrgetter)
 
 
 class InputCheck:
@@ -50,17 +56,17 @@ class InputCheck:
             fits = (
                 state.__class__ is ControllerState
                 and desired.__class__ is Desired
-                and _is(q, self._q)
-                and _is(v, self._v)
-                and _is(x_d, self._x)
-                and _is(xd_d, self._m)
-                and _is(xdd_d, self._m)
-                and _is(state.dynamic.value, a_d)
-                and _is(state.kinematic.value, a_k)
-                and _is(state.a_0, a_0)
-                and (x is None or _is(x, self._x))
-                and (xd is None or _is(xd, self._m))
-                and (w is None or _is(w, self._v))
+                and is_array(q, self._q)
+                and is_array(v, self._v)
+                and is_array(x_d, self._x)
+                and is_array(xd_d, self._m)
+                and is_array(xdd_d, self._m)
+                and is_array(state.dynamic.value, a_d)
+                and is_array(state.kinematic.value, a_k)
+                and is_array(state.a_0, a_0)
+                and (x is None or is_array(x, self._x))
+                and (xd is None or is_array(xd, self._m))
+                and (w is None or is_array(w, self._v))
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and a is None
                 and t.__class__ is float
@@ -81,7 +87,7 @@ class InputCheck:
         """
         instance(given, ControllerState, "state")
         estimates = (getattr(part, "value", part) for part in given[1:4])
-        if not all(map(_is, estimates, self._estimates)):
+        if not all(map(is_array, estimates, self._estimates)):
             raise InputError(
                 "the state is that of another controller, or its estimates are no float arrays.",
                 where="state",
@@ -200,6 +206,38 @@ class InputCheck:
             raise MeasurementError("x", measurement.x, flaw)
 
 
+def made_by(
+    part: Any, method: str, given: tuple[Any, ...], names: Sequence[str], *shapes: Any
+) -> Any:
+    """Return what a method of a law or an adaptation, perhaps a user's own, returns.
+
+    Args:
+        part: the law or adaptation.
+        method: its name.
+        given: its arguments.
+        names: of the arrays in what it returns.
+        shapes: of these; None: any.
+
+    Raises:
+        InputError: they are no arrays of floats of these shapes, or it cannot make them.
+    """
+    try:
+        made = getattr(part, method)(*given)
+        for name, shape in zip(names, shapes, strict=True):
+            if shape is not None and not is_array(_getter(name)(made), shape):
+                raise TypeError(f"{name} is {shown(_getter(name)(made))}")
+    except (PinadaptError, np.linalg.LinAlgError):
+        raise
+    except (AttributeError, IndexError, TypeError, ValueError) as reason:
+        each = zip(names, shapes, strict=True)
+        wanted = ", ".join(f"{name} {shape}" for name, shape in each if shape)
+        raise InputError(
+            f"must return arrays of floats, {wanted}: {reason}.",
+            where=f"{type(part).__name__}.{method}",
+        ) from reason
+    return made
+
+
 def standing(given: Any, contacts: int, where: str) -> np.ndarray:
     """Return which contacts (c) stand, as an array.
 
@@ -210,11 +248,6 @@ def standing(given: Any, contacts: int, where: str) -> np.ndarray:
     if stands.shape != (contacts,) or not all(isinstance(one, bool | np.bool_) for one in stands):
         raise InputError(f"expected {contacts} bools, got {shown(given)}.", where=where)
     return stands.astype(bool)
-
-
-def _is(value: Any, shape: tuple[int, ...]) -> bool:
-    """Return whether this is an array of native floats of a shape."""
-    return value.__class__ is _ARRAY and value.dtype == _FLOAT and value.shape == shape
 
 
 def _array(value: Any, shape: tuple[int, ...], name: str) -> np.ndarray:

@@ -86,8 +86,13 @@ class Trajectory(ABC):
         if self.exact:
             return self
         span = LONGEST_RAMP if duration is None else min(LONGEST_RAMP, duration)
-        looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
-        speeds, rates = np.linalg.norm(looks, axis=2).T
+        looks = []
+        for t in np.linspace(0.0, span, _LOOKS):
+            try:
+                looks.append(np.linalg.norm(self.at(float(t))[1:], axis=1))
+            except (TypeError, ValueError) as reason:
+                raise motion_failed(t, reason) from reason
+        speeds, rates = np.transpose(looks)
         v = float(speeds.max())
         a = float(rates.max())
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
