@@ -376,8 +376,8 @@ class BoundedTorque(ApproximateJacobian):
         if not (self.brake_limit > 0.0).all():
             i = np.argmin(self.brake_limit)
             raise GainError(
-                f"nothing is left of {self.kinematics.joint_names[i]}'s {self.bound[i]:.4g} N m or "
-                f"N for damping: gravity's share is {self.gravity[i]:.4g}.",
+                f"the bound of {self.kinematics.joint_names[i]}, {self.bound[i]:.4g} N m or N, is "
+                f"not above gravity's {self.gravity[i]:.4g} and the spring's.",
                 where="bound",
                 hint="Take a smaller Kp, width or gravity, or a larger bound.",
             )
@@ -409,7 +409,8 @@ class BoundedTorque(ApproximateJacobian):
             gravity = np.maximum(asked, bound - 2.0 * spring)
             gravity = np.clip(gravity, _LEAST * bound, (1.0 - _LEAST) * bound)
         gains |= {"bound": bound, "gravity": gravity}
-        if all(given.get(name) is None for name in ("Kv", "Kp", "width")):
+        chosen = all(given.get(name) is None for name in ("Kv", "Kp", "width"))
+        if chosen and np.less(gravity, bound).all():  # else the bound is refused below
             room = 0.5 * (bound - gravity)
             part = room / np.maximum(spring, room)
             narrower = (part.min() if kinematics.positions else part) ** (1.0 / 3.0)
