@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import located
+from .._checks import located, mapping
 from .._output import Report, Table
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
@@ -265,7 +265,9 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
         measurement = measurement._replace(x=robot.position(measurement.q))
     if robot.contacts:  # it stands elsewhere than at home
         robot = replace(robot, q0=measurement.q)
-    return starting_from(trajectory_of(dict(table or {}), robot), robot, measurement)
+    return starting_from(
+        trajectory_of(dict(mapping(table, "reference")), robot), robot, measurement
+    )
 
 
 # --- replay -------------------------------------------------------------------------------------

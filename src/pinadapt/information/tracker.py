@@ -106,7 +106,13 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
             frame that hardly moves or not with the arm, millimetres, left-handed axes, another
             clock.
     """
-    own: TrackerKinematics = instance(kinematics, TrackerKinematics, "kinematics", LogError)
+    if not isinstance(kinematics, TrackerKinematics):
+        raise LogError(
+            "no tracker is unknown.",
+            where="kinematics",
+            hint="Make the controller with unknown=pa.Unknown(tracker=True).",
+        )
+    own = kinematics
     reach = own.robot.reach
     a = own.initial
     seen = _Seen(own, samples)

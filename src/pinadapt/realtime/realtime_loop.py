@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, instance, positive, vector, word
+from .._checks import flag, instance, mapping, positive, vector, word
 from .._output import Report, Table
 from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
@@ -606,7 +606,10 @@ class RealtimeLoop:
         elif name == "adapt":
             self._adapting = flag(value, name)
             self._note(f"the adaptation {'goes on' if value else 'rests'}: commanded")
-        elif name == "frame" and isinstance(value, Mapping):
+        elif name == "frame":
+            value = mapping(value, name)
+            for key in value:
+                word(key, ("x", "age"), name)
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             size = self._controller.kinematics.task.coordinates
             x = vector(value.get("x", ()), size, "frame.x", fills=False)

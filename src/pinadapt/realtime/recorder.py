@@ -499,6 +499,8 @@ class CycleLog:
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
                 whole = True
+            if "/pinadapt/cycle" not in found:
+                raise LogError(f"is no log of a loop; it has {sorted(found)}.", where=path)
             data = b"".join(found["/pinadapt/cycle"])
             cycles = np.frombuffer(data, tick_of(about)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
@@ -586,9 +588,6 @@ def load_of(table: Mapping[str, Any] | None) -> Payload | None:
     """
     if table is None:
         return None
-    try:
-        return Payload(**table)
-    except TypeError as error:
-        raise InputError(
-            f'expected a table such as {{"mass": 1.0}}: {error}.', where="load"
-        ) from error
+    for key in mapping(table, "load"):
+        word(key, Payload.__annotations__, "load")
+    return Payload(**{"mass": None, **table})
