@@ -125,7 +125,7 @@ def report_of(run: Recording, numbers: Numbers) -> Report:
         ("angle, last 10 % (max)", "max_angle_last", angle),
         ("largest torque", "tau_max", Display("N m or N", 1.0)),
         ("torque at its limit", "saturated", Display("% of the time", 100.0)),
-        ("smallest eigenvalue of M_hat", "min_eig_M_hat", Display("kg m^2", 1.0)),
+        ("smallest eigenvalue of M_hat", "min_eig_M_hat", Display("kg m^2 or kg", 1.0)),
         ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
         ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
@@ -157,7 +157,7 @@ def _prediction_rows(numbers: Numbers) -> list[tuple[str, str]]:
     found = numbers["torque_prediction"]
     if found is None:
         return []
-    errors = f"{found['error_first']:.3g} -> {found['error_last']:.3g} N m"
+    errors = f"{found['error_first']:.3g} -> {found['error_last']:.3g} N m or N"
     shares = f"{percent(found['share_first'])} -> {percent(found['share_last'])} of the torque"
     words = f"{found['identifiable']} combinations of {len(numbers['dynamic_names'])} parameters"
     if found["identifiable_error"] is not None:

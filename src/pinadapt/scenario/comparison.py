@@ -102,7 +102,7 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         f"rms [{unit}]": ("rms_error_last", scale, 3),
         "last 10 % [deg]": ("max_angle_last", DISPLAYS["rad"].scale, 3),
         f"not adapted [{unit}]": ("unadapted", scale, 3),
-        "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
+        "min eig M_hat [kg m^2, kg]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
     }
     records = [
