@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from .._checks import optional, word
 from ..description.chain import axis_of, configuration_from_angles, frame_id, is_slide
+from ..description.floating_base import BASE_JOINTS
 from ..description.mjcf import mjcf_text
 from ..exceptions import InputError
 from ..records import Measurement
@@ -306,11 +307,17 @@ class MujocoFile:
 
         Raises:
             InputError: no such file, not a model, or joints or frames that are missing or do not
-                match: other types, or other axes or places at the home pose.
+                match: other types, or other axes or places at the home pose; a free base.
             RobotError: the robot has several task frames.
         """
         robot.check_single_frame()
         path = str(self.path)
+        if BASE_JOINTS[0] in robot.joint_names:
+            raise InputError(
+                "has a fixed base, and the robot a free one.",
+                where=path,
+                hint='Take engine="mujoco", which simulates the description.',
+            )
         try:
             spec = mujoco_module().MjSpec.from_file(path)
             names = self._names(robot, [joint.name for joint in spec.joints])

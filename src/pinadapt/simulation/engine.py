@@ -103,15 +103,24 @@ class Engine:
         """Return the plant of a true robot.
 
         Raises:
-            InputError: a plant that cannot be integrated as one equation with the controller: late
-                motors, elastic joints, MuJoCo; or as the plant's class.
+            InputError: a function that takes no options or returns no ``SimulatedPlant``; a plant
+                that cannot be integrated as one equation with the controller: late motors, elastic
+                joints, MuJoCo; or as the plant's class.
         """
-        plant = self.maker()(
-            true,
-            torque_limits=self.motors(true),
-            compensation=controller.compensation,
-            substeps=self.substeps,
-        )
+        try:
+            plant = self.maker()(
+                true,
+                torque_limits=self.motors(true),
+                compensation=controller.compensation,
+                substeps=self.substeps,
+            )
+        except TypeError as error:
+            raise InputError(
+                f"{error}.",
+                where="engine.plant",
+                hint="A function takes a robot and the options of SimulatedPlant as keywords.",
+            ) from error
+        instance(plant, SimulatedPlant, "engine.plant")
         plain = isinstance(plant, PinocchioPlant) and plant.actuators.ideal
         if not plain and (self.continuous or self.ideal_acceleration):
             raise InputError(
