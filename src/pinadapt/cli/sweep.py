@@ -68,10 +68,11 @@ def sweep(options: Namespace) -> int:
     if options.case is not None:
         return _alone(plan, options.case, folder)
     again = options.resume or options.retry
-    if not options.scenario.is_dir():
+    reported = options.scenario.is_dir() and not again
+    if not reported:
         claimed(folder, plan, resume=again, anew=options.force)
     try:
-        if options.scenario.is_dir() and not again:
+        if reported:
             table = read(folder)
         else:
             table = run_plan(plan, options.processes, folder, retry=options.retry)
@@ -87,7 +88,8 @@ def sweep(options: Namespace) -> int:
         return Exit.DONE
     report = SweepReport(table, plan, options.column, folder)
     report.save(folder)
-    plan.save(folder)
+    if not reported:
+        plan.save(folder)
     print(f"{report}\n\nwritten to {folder}, see {folder / PAGE}")
     return Exit.DONE
 

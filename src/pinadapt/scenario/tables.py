@@ -283,10 +283,10 @@ def setting(text: str, where: str = "--set") -> tuple[str, Any]:
     if not (equals and key):
         raise ScenarioError(f"expected key=value with a dotted key, got '{text}'.", where=where)
     found = toml_value(value)
-    return key, os.path.abspath(found) if _names_file(key, found) else found
+    return key, os.path.abspath(found) if names_file(key, found) else found
 
 
-def _names_file(key: str, value: Any) -> bool:
+def names_file(key: str, value: Any) -> bool:
     """Return whether the value of a dotted key is a path."""
     return key in _PATHS and isinstance(value, str) and (key != "robot.source" or is_path(value))
 
@@ -305,7 +305,7 @@ def at_folder(tables: Tables, folder: Path) -> Tables:
     """Return a copy of tables with the paths in them, relative to a folder, usable here."""
     return with_values(
         tables,
-        {key: str(folder / name) for key, name in flat(tables).items() if _names_file(key, name)},
+        {key: str(folder / name) for key, name in flat(tables).items() if names_file(key, name)},
     )
 
 

@@ -23,6 +23,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -38,6 +39,7 @@ from ..scenario.tables import (
     at_folder,
     flat,
     made,
+    names_file,
     parts,
     plain,
     setting,
@@ -377,20 +379,31 @@ class Plan:
         return found
 
     def text(self) -> str:
-        """Return the sweep file that says the same, with the version of the library."""
+        """Return the sweep file that says the same, with the version of the library.
+
+        And with a hash of the files that are named in it, such as descriptions of robots.
+        """
         import tomlkit
+
+        named = [*flat(self.scenario or {}).items()]
+        named += [each for case in self.cases for each in case.values.items()]
+        paths = {Path(self.folder) / name for key, name in named if names_file(key, name)}
+        found = sha256()
+        for path in sorted(paths):
+            found.update(path.read_bytes() if path.is_file() else b"")
 
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         if callable(self.function):
             given["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
-        return tomlkit.dumps({"version": __version__, **plain(given)})
+        about = {"version": __version__, "files": found.hexdigest()}
+        return tomlkit.dumps({**about, **plain(given)})
 
     def save(self, folder: Path) -> None:
         """Write ``sweep.toml`` into a folder."""
         write_text(folder / COPY, self.text())
 
     def is_in(self, folder: Path) -> bool:
-        """Return whether a folder holds this sweep, run by this version of the library.
+        """Return whether a folder holds this sweep, of the same files, run by this version.
 
         It may have another condition of success, which only the report applies.
         """
@@ -409,6 +422,7 @@ class Plan:
         """
         tables = read_toml(folder / COPY)
         version = tables.pop("version", None)
+        tables.pop("files", None)
         if version != __version__:
             raise InputError(
                 f"was run by pinadapt {version}; this is {__version__}.",

@@ -374,7 +374,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         plan.save(folder)
     elif not plan.is_in(folder):
         raise InputError(
-            "holds another sweep, or one of another version.",
+            "holds another sweep, or one of another version or of files that have changed since.",
             where=folder,
             hint="Take another folder by --out, or begin anew by --force.",
         )

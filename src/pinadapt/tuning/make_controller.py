@@ -161,7 +161,7 @@ def make_controller(
     if applied.governor is not None and getattr(tuned, "speeds", None) is None:
         tuned = tuned.adjusted(speeds=applied.governor.velocity)
     tuning = Tuning(tuned, motion, w, dt, quality, settings, gains | rates, unknown.lmi)
-    warn_of_unused_gains(tuning, kind, kind_k)
+    warn_of_unused_gains(tuning, kind, kind_k, NAMES if isinstance(law, str) else ())
     box = make_box(kinematics, limits.box)
     adaptation_k = moved_kinematics(kind_k, tuning, box)
     if isinstance(law, str) and gains.get("R_k") is None:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from .._checks import flag, instance, located, name_list, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import ParameterError, UnusedGainWarning
-from ..laws.law import NAMES, SYMBOLS, Law
+from ..laws.law import SYMBOLS, Law
 from ..models.basis import BasisDynamics, LumpedDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
@@ -320,19 +320,20 @@ def lumped_lengths(
     return lengths
 
 
-def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str) -> None:
+def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str, names: Sequence[str]) -> None:
     """Name the given gains that neither the law nor the adaptation uses, and those that they do.
 
     Args:
         tuning: of the loop, with all gains as users write them; None is not given.
         kind: of adaptation of the dynamic estimate; "custom" for an object.
         kind_k: of that of the kinematic estimate.
+        names: of gains that a law may be given; none for a law with its own.
     """
     law = tuning.law
     motion = tuning.motion
     dynamics = motion.dynamics
     inertial = dynamics.inertial.size
-    used = [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
+    used = [n for n in names if SYMBOLS.get(n, n) in vars(law)]
     if kind not in ("none", "custom"):
         used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)
     if kind in PREDICTING and dynamics.size:
@@ -343,7 +344,7 @@ def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str) -> None:
     if idle:
         warnings.warn(
             f"nothing uses {', '.join(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
-            f"what is unknown here use {', '.join(used)}.",
+            f"what is unknown here use {', '.join(used) or 'none of these'}.",
             UnusedGainWarning,
             stacklevel=5,
         )
