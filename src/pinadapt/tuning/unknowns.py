@@ -333,7 +333,7 @@ def warn_of_unused_gains(tuning: Tuning, kind: str, kind_k: str, names: Sequence
     motion = tuning.motion
     dynamics = motion.dynamics
     inertial = dynamics.inertial.size
-    used = [n for n in names if SYMBOLS.get(n, n) in vars(law)]
+    used = [n for n in names if hasattr(law, SYMBOLS.get(n, n))]
     if kind not in ("none", "custom"):
         used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)
     if kind in PREDICTING and dynamics.size:
