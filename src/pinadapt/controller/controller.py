@@ -37,7 +37,7 @@ from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
 from .constraint_forces import FEASIBLE, ConstraintForces
 from .governor import PathTime
-from .inputs import COMMAND, VALUE, InputCheck, initial_estimate, made_by, squared
+from .inputs import InputCheck, initial_estimate, made_by, squared
 from .learned import AlongExcited
 from .limits import ControllerLimits
 from .residuals import Guards
@@ -244,9 +244,9 @@ class Controller:
             a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
             a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
             start = a_d, squared(information, dynamics.size)
-            dynamic = made_by(self.adaptation_d, "init", start, VALUE, a_d.shape)
+            dynamic = made_by(self.adaptation_d, "init", start, {"value": a_d.shape})
             start = a_k, squared(information_k, kinematics.size, "information_k")
-            kinematic = made_by(self.adaptation_k, "init", start, VALUE, a_k.shape)
+            kinematic = made_by(self.adaptation_k, "init", start, {"value": a_k.shape})
             sensed = self.senses.init(measurement, kinematics, kinematic.value)
             if information_k is not None:
                 sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
@@ -456,9 +456,9 @@ class Controller:
             model = self._model(state, s, elapsed)
             torque, drives = self.sent(s, self._commanded(s, model))
             moved = model.dynamic, drives.dynamic, elapsed
-            dynamic = made_by(model.adaptation_d, "step", moved, VALUE, s.a_d.shape)
+            dynamic = made_by(model.adaptation_d, "step", moved, {"value": s.a_d.shape})
             moved = model.kinematic, drives.kinematic, elapsed
-            kinematic = made_by(model.adaptation_k, "step", moved, VALUE, s.a_k.shape)
+            kinematic = made_by(model.adaptation_k, "step", moved, {"value": s.a_k.shape})
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter = state.torque_filter
             path = state.path
@@ -641,10 +641,12 @@ class Controller:
         Raises:
             InputError: it is none, or its torque or a drive is of another size.
         """
-        free = Frozen  # takes any drive
-        shape_d = None if self.adaptation_d.__class__ is free else s.a_d.shape
-        shape_k = None if self.adaptation_k.__class__ is free else s.a_k.shape
-        return made_by(self.law, "command", (s, model), COMMAND, s.v.shape, shape_d, shape_k)
+        shapes = {"torque": s.v.shape}
+        if self.adaptation_d.__class__ is not Frozen:  # which takes any drive
+            shapes["drives.dynamic.gradient"] = s.a_d.shape
+        if self.adaptation_k.__class__ is not Frozen:
+            shapes["drives.kinematic.gradient"] = s.a_k.shape
+        return made_by(self.law, "command", (s, model), shapes)
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.

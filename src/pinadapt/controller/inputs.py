@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from functools import cache
 from operator import attrgetter
 from typing import Any
@@ -16,10 +16,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from .state import ControllerState
 
-# the arrays in what a law, and an adaptation, returns
-COMMAND = ("torque", "drives.dynamic.gradient", "drives.kinematic.gradient")
-VALUE = ("value",)
-_getter = cache(attrgetter)
+_named = cache(attrgetter)
 
 
 class InputCheck:
@@ -207,7 +204,7 @@ class InputCheck:
 
 
 def made_by(
-    part: Any, method: str, given: tuple[Any, ...], names: Sequence[str], *shapes: Any
+    part: Any, method: str, given: tuple[Any, ...], shapes: Mapping[str, tuple[int, ...]]
 ) -> Any:
     """Return what a method of a law or an adaptation, perhaps a user's own, returns.
 
@@ -215,24 +212,22 @@ def made_by(
         part: the law or adaptation.
         method: its name.
         given: its arguments.
-        names: of the arrays in what it returns.
-        shapes: of these; None: any.
+        shapes: of the arrays of floats in what it returns, by their names there.
 
     Raises:
-        InputError: they are no arrays of floats of these shapes, or it cannot make them.
+        InputError: they are of other shapes, no such arrays, or it cannot make them.
     """
     try:
         made = getattr(part, method)(*given)
-        for name, shape in zip(names, shapes, strict=True):
-            if shape is not None and not is_array(_getter(name)(made), shape):
-                raise TypeError(f"{name} is {shown(_getter(name)(made))}")
+        for name, shape in shapes.items():
+            found = _named(name)(made)
+            if not is_array(found, shape):
+                raise TypeError(f"{name} is {shown(found)}")
     except (PinadaptError, np.linalg.LinAlgError):
         raise
     except (AttributeError, IndexError, TypeError, ValueError) as reason:
-        each = zip(names, shapes, strict=True)
-        wanted = ", ".join(f"{name} {shape}" for name, shape in each if shape)
         raise InputError(
-            f"must return arrays of floats, {wanted}: {reason}.",
+            f"must return arrays of floats of the shapes {dict(shapes)}: {reason}.",
             where=f"{type(part).__name__}.{method}",
         ) from reason
     return made

@@ -129,10 +129,9 @@ def identify(
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
         for other in logs:
-            pairs = (one.q, other.q), (one.tau, other.tau)
-            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+            if np.array_equal(one.tau, other.tau, equal_nan=True):
                 raise LogError(
-                    f"has the same samples as {other.source}.",
+                    f"has the same torques as {other.source}.",
                     where=one.source,
                     hint="A test, and an arm without its load, need recordings of their own.",
                 )

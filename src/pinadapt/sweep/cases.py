@@ -385,17 +385,17 @@ class Plan:
         """
         import tomlkit
 
-        named = [*flat(self.scenario or {}).items()]
-        named += [each for case in self.cases for each in case.values.items()]
-        paths = {Path(self.folder) / name for key, name in named if names_file(key, name)}
-        found = sha256()
-        for path in sorted(paths):
-            found.update(path.read_bytes() if path.is_file() else b"")
+        tables = flat(self.scenario or {}), *(case.values for case in self.cases)
+        named = {
+            (key, name) for table in tables for key, name in table.items() if names_file(key, name)
+        }
+        paths = [Path(self.folder, name) for _, name in sorted(named)]
+        files = b"".join(path.read_bytes() for path in paths if path.is_file())
 
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         if callable(self.function):
             given["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
-        about = {"version": __version__, "files": found.hexdigest()}
+        about = {"version": __version__, "files": sha256(files).hexdigest()}
         return tomlkit.dumps({**about, **plain(given)})
 
     def save(self, folder: Path) -> None:

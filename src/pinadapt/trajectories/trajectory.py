@@ -90,6 +90,8 @@ class Trajectory(ABC):
         for t in np.linspace(0.0, span, _LOOKS):
             try:
                 looks.append(np.linalg.norm(self.at(float(t))[1:], axis=1))
+            except InputError:
+                raise
             except (TypeError, ValueError) as reason:
                 raise motion_failed(t, reason) from reason
         speeds, rates = np.transpose(looks)
