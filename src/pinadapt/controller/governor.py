@@ -28,7 +28,7 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-# [s] by which a frame may be older than the camera explains; no benchmark comes here
+# [s] by which a frame may be older than the camera explains; half, twice: the same runs
 _SPARE = 0.05
 
 

@@ -542,7 +542,9 @@ def _shift_and_turn(placement: pin.SE3) -> np.ndarray:
 
 # The fit
 
-_LEAST = 1.5  # equations for each identified combination
+# equations for each identified combination; half: fits without residuals, which tell no deviation,
+# pass; twice: twice as many frames are asked for
+_LEAST = 1.5
 # Times the median deviation, from which a frame does not count: half leaves out one good frame of
 # ten thousand, twice as much keeps frames of which one outweighs a hundred.
 _OUTLIER = 6.0

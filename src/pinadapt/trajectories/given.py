@@ -18,7 +18,9 @@ from .trajectory import Hold, Piecewise, Trajectory, motion_failed
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
 
-_NODES = 5  # of a difference formula: its error falls with the fourth power of the step
+# of a difference formula: velocities of 20 rad/s are off by 1e-7; 3: 3e-4, 9: 1e-13, with twice the
+# calls
+_NODES = 5
 STEP = 2e-3  # [s]; half or twice of it: errors less or more by 16, rounding and noise by 1/4
 
 

@@ -20,7 +20,8 @@ from ..tasks.task import Task
 if TYPE_CHECKING:
     from scipy.interpolate import BPoly
 
-# [s], of a path whose rate rises, and for how long its start is looked at; at how many instants
+# [s], of a path whose rate rises, and for how long its start is looked at; at how many instants.
+# Half and twice of both: the same runs to 1e-10, but slow motions start in half and twice the time.
 LONGEST_RAMP, _LOOKS = 5.0, 250
 # Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
 # changes nothing for the motions of this package, which start at rest or at full speed.
