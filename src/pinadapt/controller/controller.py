@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive, shown, vector
+from .._checks import flag, positive, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..description.chain import angles_from_configuration, position_limits
@@ -296,12 +296,6 @@ class Controller:
         Raises:
             InputError: a motion without ``at``, or one that failed there.
         """
-        if not hasattr(motion, "at"):
-            raise InputError(
-                f"expected a motion with at(t), got {shown(motion)}.",
-                where="motion",
-                hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
-            )
         try:
             return motion.at(t) if state.path is None else state.path.desired(motion, t)
         except PinadaptError:

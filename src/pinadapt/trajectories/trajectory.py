@@ -33,7 +33,8 @@ def motion_failed(t: float, reason: Exception) -> InputError:
     return InputError(
         f"the desired motion failed at t = {t:g} s: {type(reason).__name__}: {reason}",
         where="trajectory",
-        hint="at(t) must return a Desired; a function of t [s] the coordinates x_d.",
+        hint="at(t) must return a Desired, a function of t [s] the coordinates x_d; "
+        "pa.trajectories.as_trajectory makes a motion of that, or of samples.",
     )
 
 
