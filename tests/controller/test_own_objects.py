@@ -1,6 +1,7 @@
 """A user's own laws and adaptations, and ours given as objects, in place of their names."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,17 @@ def test_the_closed_loop_of_the_guide_obeys_its_proof(guide):
     path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     energy = energy_along(guide["true"], controller, path, seconds=0.006)
     assert energy.mismatch() <= 1e-6 and np.abs(energy.rate).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    "made", [None, pa.laws.Command(np.zeros(3), pa.adaptation.Drives.none(60, 0))]
+)
+def test_a_command_that_does_not_fit_is_refused_by_the_name_of_its_law(guide, made):
+    law = replace(guide["law"])
+    object.__setattr__(law, "command", lambda s, model: made)
+    controller = pa.make_controller(guide["robot"], law=law)
+    with pytest.raises(pa.InputError, match=r"AdaptiveGravity\.command: .*'torque': \(6,\)"):
+        pa.simulate(guide["robot"], controller, pa.trajectories.Hold(), duration=0.01)
 
 
 # --- our own as objects ---

@@ -30,7 +30,8 @@ _FORMAT = "pinadapt learned parameters"
 
 
 _TOLERANCE = 1e-3  # largest change of the torques, as a share of them, and at most a tenth of the
-# error of those that the estimate predicts; half: more is kept of what the motion hardly shows
+# error of those that the estimate predicts; half: more is kept of what the motion hardly shows,
+# twice: less
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,8 @@ _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, doubl
 # [rad or m] by which real arms stand beyond their limits; degrees are farther; no benchmark comes
 # here, also with a hundredth or a hundred times
 _BEYOND = 0.18
-# of the first orientation; another order of a quaternion is farther; no benchmark comes here
+# of the first orientation; another order of a quaternion is farther; half, twice: the same tests of
+# guards and the same benchmarks
 _AWRY = math.radians(30.0)
 
 JOINTS, FRAME, TORQUE, TIME = range(4)  # the channels that are bridged

@@ -46,7 +46,9 @@ _FACTORS = (0.5, 2.2)
 # correlation of a clear relation; half: the same verdicts, with more joints named; 0.9: three of 27
 # mistakes are accepted
 _CLEAR = 0.75
-_LEAST = 0.4  # correlation, and share of a joint's torque, from where on a relation may be there
+# correlation, and share of a joint's torque, from where on a relation may be there; half: the same
+# verdicts on four real logs and mistakes in them; twice: another joint is named in one
+_LEAST = 0.4
 # Of the largest described torque, from where on a joint is judged: half as much judges wrists whose
 # friction hides everything else, twice as much overlooks light joints.
 _VISIBLE = 0.05
