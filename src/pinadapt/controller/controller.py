@@ -448,11 +448,9 @@ class Controller:
                 s.adapting = False
             footing = self._footing(state.footing, s.stands, elapsed)
             model = self._model(state, s, elapsed)
-            torque, drives = self.sent(s, self._commanded(s, model))
-            moved = model.dynamic, drives.dynamic, elapsed
-            dynamic = made_by(model.adaptation_d, "step", moved, {"value": s.a_d.shape})
-            moved = model.kinematic, drives.kinematic, elapsed
-            kinematic = made_by(model.adaptation_k, "step", moved, {"value": s.a_k.shape})
+            torque, drives = self.sent(s, self.law.command(s, model))
+            dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
+            kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter = state.torque_filter
             path = state.path
@@ -465,12 +463,18 @@ class Controller:
             if self._torque_filter is not None:
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
+            if torque.shape != s.v.shape:
+                raise TypeError(f"the torque has the shape {torque.shape}")
         except ContactError:
             raise
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             raise DivergedError(str(error)) from error
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
+            if not isinstance(error, PinadaptError):
+                self._check_parts(state, measurement, desired)
+            raise
         finally:
             self._alone.release()
         return torque, ControllerState(
@@ -596,7 +600,7 @@ class Controller:
         """
         with self.reserved():
             s = self._seen(state, measurement, desired)
-            return s, self._commanded(s, self._model(state, s, None))
+            return s, self.law.command(s, self._model(state, s, None))
 
     def contact_forces(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -627,20 +631,29 @@ class Controller:
         with self.reserved():
             self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
             self.dynamics.load(s.a_d)
-            return self.sent(s, self._commanded(s, self._model(state, s, None)))
+            return self.sent(s, self.law.command(s, self._model(state, s, None)))
 
-    def _commanded(self, s: Signals, model: EstimatedModel) -> Command:
-        """Return the law's command, which may be that of a user's own law.
+    def _check_parts(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> None:
+        """Look whether a law or an adaptation, perhaps a user's own, is why a step failed.
 
         Raises:
-            InputError: it is none, or its torque or a drive is of another size.
+            InputError: one returns something else than arrays of the right sizes.
         """
-        shapes = {"torque": s.v.shape}
-        if self.adaptation_d.__class__ is not Frozen:  # which takes any drive
-            shapes["drives.dynamic.gradient"] = s.a_d.shape
-        if self.adaptation_k.__class__ is not Frozen:
-            shapes["drives.kinematic.gradient"] = s.a_k.shape
-        return made_by(self.law, "command", (s, model), shapes)
+        s = self._seen(state, measurement, desired)
+        model = self._model(state, s, None)
+        shapes = {
+            "torque": s.v.shape,
+            "drives.dynamic.gradient": s.a_d.shape,
+            "drives.kinematic.gradient": s.a_k.shape,
+        }
+        drives = made_by(self.law, "command", (s, model), shapes).drives
+        for part, before, drive in (
+            (model.adaptation_d, model.dynamic, drives.dynamic),
+            (model.adaptation_k, model.kinematic, drives.kinematic),
+        ):
+            made_by(part, "step", (before, drive, PERIOD), {"value": before.value.shape})
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
 from operator import attrgetter
 from typing import Any
 
@@ -15,8 +14,6 @@ from ..exceptions import InputError, MeasurementError, ParameterError, PinadaptE
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, DesiredSteps, Feet, Measurement
 from .state import ControllerState
-
-_named = cache(attrgetter)
 
 
 class InputCheck:
@@ -220,7 +217,7 @@ def made_by(
     try:
         made = getattr(part, method)(*given)
         for name, shape in shapes.items():
-            found = _named(name)(made)
+            found = attrgetter(name)(made)
             if not is_array(found, shape):
                 raise TypeError(f"{name} is {shown(found)}")
     except (PinadaptError, np.linalg.LinAlgError):
