@@ -167,9 +167,3 @@ def test_motors_apply_what_their_limits_allow():
     asked = np.array([0.5, 3.0, -3.0, np.inf, -np.inf, np.nan])
     allowed = np.array([0.5, 2.0, -2.0, 2.0, -2.0, np.nan])
     assert np.array_equal(plant.motors(asked), allowed, equal_nan=True)
-
-
-def test_friction_that_would_drive_the_motion_is_not_simulated():
-    robot = load("ur5").changed(friction=pa.Friction(coulomb=0.1, asymmetry=-0.2))
-    with pytest.raises(pa.RobotError, match=r"friction\.asymmetry: .*shoulder_pan_joint"):
-        pa.plants.PinocchioPlant(robot)
