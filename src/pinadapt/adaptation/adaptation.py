@@ -184,10 +184,6 @@ class Adaptation(ABC):
         """Return whether a value (p) is in the domain, which no estimate ever leaves."""
         return True
 
-    def information(self, estimate: Estimate) -> np.ndarray:
-        """Return the information (p, p) of the data so far, as for ``init``; zero if unknown."""
-        return np.zeros((estimate.value.size, estimate.value.size))
-
     @property
     def projects(self) -> bool:
         """Whether ``project`` may return another value than the estimate's."""
@@ -325,10 +321,6 @@ class Wrapper(Adaptation):
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the inner adaptation's domain."""
         return self.inner.contains(value)
-
-    def information(self, estimate: Estimate) -> np.ndarray:
-        """Return the information (p, p) of the inner adaptation."""
-        return self.inner.information(self._inner(estimate))
 
     @property
     def projects(self) -> bool:

@@ -156,10 +156,6 @@ class LeastSquares(Adaptation):
         H = self._prior if information is None else self._prior + self.unit * information
         return Estimate(value, (H,))
 
-    def information(self, estimate: Estimate) -> np.ndarray:
-        """Return what P^-1 (p, p) has grown by since P(0)^-1, over the unit."""
-        return (self._information(estimate) - self._prior) / self.unit
-
     def weight(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return R (l, l) for a drive with a prediction error."""
         return self._weight.at(drive, partial(self.gain_times, estimate))

@@ -108,7 +108,6 @@ class LearnedParameters:
         remark: which of them are as at the start, because the motion did not excite them.
         information: rows R of numbers, one a dynamic parameter: R^T R is the information of the
             data, the inverse covariance of the estimates where it has full rank. Empty if unknown.
-        information_k: the same of the kinematic parameters.
         shape: of the joints' friction, whose coefficients are parameters: ``threshold``,
             ``breakaway`` and ``fading``, one number a joint, and ``shafts`` of two joints; see
             ``Friction``. Empty for the usual one.
@@ -122,7 +121,6 @@ class LearnedParameters:
     remark: str = ""
     information: tuple[tuple[float, ...], ...] = ()
     shape: Mapping[str, Any] = field(default_factory=dict)
-    information_k: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def of(
@@ -145,18 +143,14 @@ class LearnedParameters:
         dynamics = controller.dynamics
         names = *kinematics.names, *dynamics.names
         units = dict(zip(names, (*kinematics.units, *dynamics.units), strict=True))
-        H = controller.adaptation_k.information(state.kinematic)
-        values, vectors = np.linalg.eigh(H)
-        shown = values > ROUNDING * values.max(initial=0.0)
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),
             dict(zip(dynamics.names, a_d.tolist(), strict=True)),
             units,
             remark=words,
-            information=_kept(rows),
+            information=tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows),
             shape=_shape_of(kinematics.robot.friction),
-            information_k=_kept((np.sqrt(values[shown]) * vectors[:, shown]).T),
         )
 
     @property
@@ -167,15 +161,14 @@ class LearnedParameters:
     def start(
         self, controller: ControllerParts, *, same_load: bool = False
     ) -> dict[str, np.ndarray | None]:
-        """Return ``a_k`` (p_k), ``a_d`` (p_d) and what is known of both, to start from.
+        """Return ``a_k`` (p_k), ``a_d`` (p_d) and ``information`` (r, p_d) to start from.
 
-        These are ``information`` (r, p_d) and ``information_k`` (r, p_k), where there is any.
         Translations of which nothing was learned start as the controller's model has them.
 
         Args:
             controller: with the same dynamic parameters.
-            same_load: whether load, tool and tracker are as they were learned. Otherwise the
-                information leaves the bodies of the task frames and the kinematics out.
+            same_load: whether the load is the one that was learned. Otherwise the information
+                leaves the bodies of the task frames out, so that it holds for any load.
 
         Raises:
             ParameterError: its parameters have other names.
@@ -195,10 +188,6 @@ class LearnedParameters:
                 joints = kinematics.joint_names
                 rows = _without(rows, names, [joints[k] for k in kinematics.robot.carriers])
             start["information"] = rows[:, [names.index(name) for name in dynamic]]
-        if self.information_k and same_load:
-            names = list(self.kinematic)
-            rows = np.array(self.information_k)
-            start["information_k"] = rows[:, [names.index(name) for name in kinematics.names]]
         return start
 
     def shaped(self, robot: Robot) -> Robot:
@@ -233,21 +222,13 @@ class LearnedParameters:
                 instance(text, str, where)
             _shaped(Friction(), found.shape)
             numbers([*found.kinematic.values(), *found.dynamic.values()], where)
-            known: dict[str, Any] = {}
-            for name, of in (("information", found.dynamic), ("information_k", found.kinematic)):
-                rows = numbers(getattr(found, name), where)
-                if rows.size and rows.shape[1:] != (len(of),):
-                    raise ValueError(f"{name} has not {len(of)} numbers in each row")
-                known[name] = _kept(rows)
+            rows = numbers(found.information, where)
+            if rows.size and rows.shape[1:] != (len(found.dynamic),):
+                raise ValueError(f"information has not {len(found.dynamic)} numbers in each row")
         except (OSError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
             words = f"is no file of {_FORMAT}: {type(error).__name__} {error}."
             raise ParameterError(words, where=where) from error
-        return replace(found, **known)
-
-
-def _kept(rows: Iterable[np.ndarray]) -> tuple[tuple[float, ...], ...]:
-    """Return rows of an information as a file keeps them."""
-    return tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows)
+        return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
 def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> np.ndarray:
