@@ -243,10 +243,9 @@ class Controller:
                 a_k = kinematics.initial_at(measurement.q, measurement.x)
             a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
             a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-            start = a_d, squared(information, dynamics.size)
-            dynamic = made_by(self.adaptation_d, "init", start, {"value": a_d.shape})
-            start = a_k, squared(information_k, kinematics.size, "information_k")
-            kinematic = made_by(self.adaptation_k, "init", start, {"value": a_k.shape})
+            dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
+            H = squared(information_k, kinematics.size, "information_k")
+            kinematic = self.adaptation_k.init(a_k, H)
             sensed = self.senses.init(measurement, kinematics, kinematic.value)
             if information_k is not None:
                 sensed = predicted_at_rest(sensed, kinematics, kinematic.value)
