@@ -51,7 +51,7 @@ def problem_of(log: pa.Log, robot: pa.Robot) -> LearningProblem:
     robot = replace(robot, task=JointTask.of_joints(robot.model))
     motion = motion_of_log(robot, log)
     dynamics = nominal_dynamics(robot, replace(SAME, tool=False), ())
-    windows = Windows.of(motion, Averages(motion.t, log.period), dynamics)
+    windows = Windows.of(motion, Averages(motion.t, log.period), dynamics, robot)
     split = float(motion.t[-1] - HELD_OUT * (motion.t[-1] - motion.t[0]))
     return LearningProblem(log, robot, motion, dynamics, windows, split)
 

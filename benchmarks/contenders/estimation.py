@@ -97,7 +97,7 @@ class LearningProblem:
         """Return the held-out error of the torques of a robot [N m]."""
         nothing = pa.Unknown(bodies="none", friction=False, armature=False)
         dynamics = nominal_dynamics(replace(robot, task=self.robot.task), nothing, ())
-        windows = Windows.of(self.motion, Averages(self.motion.t, self.log.period), dynamics)
+        windows = Windows.of(self.motion, Averages(self.motion.t, self.log.period), dynamics, robot)
         return float(np.sqrt(np.mean(windows.between(self.split, np.inf).y ** 2)))
 
     def unphysical(self, a: np.ndarray) -> int:

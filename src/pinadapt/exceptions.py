@@ -69,17 +69,7 @@ class TorqueMismatchError(LogError):
         check: the ``TorqueCheck``: factors and correlations of the joints, and likely causes.
     """
 
-    def __init__(
-        self,
-        what: str,
-        *,
-        where: str | Path | None = None,
-        hint: str | None = None,
-        check: Any = None,
-    ) -> None:
-        """Say what the check found and keep it."""
-        self.check = check
-        super().__init__(what, where=where, hint=hint)
+    check: Any = None
 
 
 class ScenarioError(InputError):
@@ -166,7 +156,7 @@ class ContactError(DivergedError):
         frame: that of the contact.
     """
 
-    def __init__(self, reason: str, time: float | None = None, frame: str = "") -> None:
-        """Keep the reason, the time [s] and the contact's frame."""
+    def __init__(self, reason: str, frame: str) -> None:
+        """Keep the reason and the contact's frame."""
         self.frame = frame
-        super().__init__(reason, time)
+        super().__init__(reason)

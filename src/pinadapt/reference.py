@@ -408,7 +408,7 @@ def starting_from(
     first = motion.at(0.0).x_d
     if (np.abs(task.error(x, first)) <= _THERE * task.per_row(robot.reach, 1.0)).all():
         return motion
-    speeds = np.where([*robot.slides.values()], 0.5 * _SPEED, _SPEED)
+    speeds = np.where(robot.sliding, 0.5 * _SPEED, _SPEED)
     speeds = np.minimum(speeds, 0.8 * velocity_limits(robot.model))
     approach = Approach(motion, x, 1.0, task)
     for _ in range(2):  # the null space returns home at its own pace

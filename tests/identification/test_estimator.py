@@ -61,7 +61,7 @@ def test_the_rows_are_those_of_identify():
     estimator._compare = lambda state, window: (found.append(window), state)[1]
     moved = motion_of_log(robot, log)
     run(estimator, *moved[:3], moved.tau)
-    own = Windows.of(moved, Averages(moved.t, 2e-3), estimator.dynamics)
+    own = Windows.of(moved, Averages(moved.t, 2e-3), estimator.dynamics, robot)
     assert len(found) >= len(own.t) - 1 > 20
     for k, one in enumerate(found):
         assert np.allclose(one[:, :-2], own.W[k], atol=1e-10)
@@ -277,7 +277,7 @@ def test_a_real_log_is_predicted_as_well_as_by_identify():
     for each in (robot, found.robot):
         nothing = pa.Unknown(bodies="none", friction=False, armature=False)
         dynamics = nominal_dynamics(each, nothing, ())
-        windows = Windows.of(moved, Averages(moved.t, log.period), dynamics)
+        windows = Windows.of(moved, Averages(moved.t, log.period), dynamics, each)
         errors.append(np.sqrt(np.mean(windows.between(split, np.inf).y ** 2)))
     assert errors[0] > 1.0 and errors[1] < 1.3 * 0.134  # that of identify
 

@@ -20,7 +20,7 @@ def windows(name, log):
     robot = catalogue_robot(name)
     dynamics = pa.make_controller(robot).dynamics
     motion = motion_of_log(robot, log)
-    found = Windows.of(motion, Averages(motion.t, log.period), dynamics)
+    found = Windows.of(motion, Averages(motion.t, log.period), dynamics, robot)
     return found, dynamics.value(true_robot(name))
 
 
@@ -40,13 +40,11 @@ def test_the_error_is_that_of_friction_alone(dt):
     robot = catalogue_robot("ur5")
     smooth = true_robot("ur5", coulomb=0.0)
     log = recorded("ur5", duration=2.0, dt=dt)
-    q = log.q
-    v = log.v
-    a = np.gradient(v, dt, axis=0, edge_order=2)
-    log = replace(log, tau=torques(smooth, q, v, a))
+    a = np.gradient(log.v, dt, axis=0, edge_order=2)
+    log = replace(log, tau=torques(smooth, log.q, log.v, a))
     dynamics = pa.make_controller(robot).dynamics
     moved = motion_of_log(robot, log)
-    found = Windows.of(moved, Averages(moved.t, dt), dynamics)
+    found = Windows.of(moved, Averages(moved.t, dt), dynamics, robot)
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
 
 

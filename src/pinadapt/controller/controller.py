@@ -706,7 +706,7 @@ class Controller:
                 f"the contact '{frame}' lifted or slipped: it moved by {1e3 * moved[foot]:.3g} mm. "
                 "Look for less friction than was declared, an obstacle, or a desired motion that "
                 "is too fast.",
-                frame=frame,
+                frame,
             )
         return footing
 

@@ -32,7 +32,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     """
     for kind in (pin.FrameType.BODY, *pin.FrameType.values.values()):
         if model.existFrame(name, kind):
-            return int(model.getFrameId(name, kind))
+            return model.getFrameId(name, kind)
     names = [frame.name for frame in model.frames if frame.type in ENDS]
     raise RobotError(
         f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}", where="frame"
@@ -88,17 +88,17 @@ def chain_joints(model: pin.Model, frame: int) -> list[int]:
 
 def is_slide(joint: pin.JointModel) -> bool:
     """Return whether a joint is prismatic."""
-    return bool(joint.shortname().startswith("JointModelP"))
+    return joint.shortname().startswith("JointModelP")
 
 
-def _slides(model: pin.Model) -> np.ndarray:
+def sliding_joints(model: pin.Model) -> np.ndarray:
     """Return whether each joint (nv) is prismatic."""
     return np.array([is_slide(joint) for joint in model.joints[1:]])
 
 
 def is_free_flyer(joint: pin.JointModel) -> bool:
     """Return whether a joint is the free-flyer of a floating base."""
-    return bool(joint.shortname() == "JointModelFreeFlyer")
+    return joint.shortname() == "JointModelFreeFlyer"
 
 
 def axis_of(model: pin.Model, joint: int) -> np.ndarray:
@@ -176,7 +176,7 @@ def _stated_limits(model: pin.Model) -> Bounds:
 def position_bounds(model: pin.Model) -> Bounds:
     """Return finite bounds (2, nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
     limits = position_limits(model)
-    half = np.where(_slides(model), 1.0, np.pi)
+    half = np.where(sliding_joints(model), 1.0, np.pi)
     return np.where(np.isfinite(limits), limits, [-half, half])
 
 
@@ -227,7 +227,7 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
         Linear part (nv) [m/rad, or 1 for slides], infinite for joints before a slide without
         limits; angular part (nv), 1 or 0.
     """
-    slides = _slides(model)
+    slides = sliding_joints(model)
     stroke = np.where(slides, np.abs(position_limits(model)).max(axis=0), 0.0)
     placements = [*model.jointPlacements[2:], model.frames[frame].placement]
     steps = [place.translation for place in placements]

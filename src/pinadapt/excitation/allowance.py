@@ -24,7 +24,7 @@ from ..exceptions import RobotError
 from ..robot.changes import Payload
 from ..robot.home import MARGIN, MountingPlane
 from ..robot.robot import LOAD, Robot
-from ..robot.workspace import SHARE
+from ..robot.workspace import SHARE, margins
 
 # [rad/s, m/s] even if a description allows more; half: 78, 88 and 27 nat of information of a UR5, a
 # Panda and a SCARA in place of 90, 97 and 30; twice: 87, 97 and 31
@@ -199,7 +199,7 @@ class Allowance:
         self.robot = robot
         self.shapes = shapes
         model = robot.model
-        slides = np.array(list(robot.slides.values()))
+        slides = robot.sliding
         reach = np.where(slides, _SLIDE, _TURN)
         if excursion is not None:
             reach = joint_numbers(excursion, "excursion", model.nv, zero=False)
@@ -281,7 +281,7 @@ def _range(robot: Robot, reach: np.ndarray) -> np.ndarray:
             where="q0",
             hint="Take another home pose, Robot.at or robot.q0.",
         )
-    margin = np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
+    margin = margins(lower, upper)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))
     return np.clip([low, high], home - reach, home + reach)

@@ -191,7 +191,7 @@ class Calibration(Printed):
             "version": __version__,
         }
         del whole["described"]
-        return dict(plain(whole))
+        return plain(whole)
 
     def save(self, folder: Path | str) -> None:
         """Write ``learned.urdf``, with the calibrated placements, and ``summary.json``.

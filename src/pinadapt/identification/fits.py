@@ -30,7 +30,7 @@ from ..models.excited import rms
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
-from ..robot.constraints import Constraints, repeated
+from ..robot.constraints import repeated
 from ..robot.robot import Robot
 
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
@@ -316,7 +316,7 @@ class Windows(NamedTuple):
         motion: MeasuredMotion,
         averages: Averages,
         dynamics: Dynamics,
-        constraints: Constraints | None = None,
+        robot: Robot,
     ) -> Windows:
         """Take the windows of a motion that have no gap.
 
@@ -324,12 +324,13 @@ class Windows(NamedTuple):
             motion: the samples.
             averages: over its windows.
             dynamics: of the unknown parameters.
-            constraints: of the robot, with feet that all stand; torques are then what no constraint
-                force changes, P tau, see ``FilteredRegressor``. None: there are none.
+            robot: that moved. Under constraints, with feet that all stand, torques are what no
+                constraint force changes, P tau, see ``FilteredRegressor``.
         """
         n = motion.v.shape[1]
         size = dynamics.size
         P = np.eye(n)
+        constraints = robot.constrained
         found = np.zeros((len(averages.t), n * (size + 1)))
         free = np.array(motion.tau)
         for start in range(0, len(motion.t), 1000):
@@ -339,7 +340,7 @@ class Windows(NamedTuple):
                 Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
                 M = np.column_stack([Y_M, p_0])
                 F = np.column_stack([Y_0, tau_0])
-                if constraints is not None:
+                if robot.constraints:
                     M, F, P = constraints.project_momentum(M, F, q, v)
                     tau[:] = P @ tau
                 both.append([M.ravel(), F.ravel()])

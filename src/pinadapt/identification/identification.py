@@ -110,8 +110,6 @@ def identify(
             that the torques do not show.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
-    # their forces are not in a log; the equations are those that no such force changes
-    constraints = described.constrained if described.constraints else None
     for name, mass in (("total_mass", total_mass), ("known_load", known_load)):
         if mass is not None:
             positive(mass, name, error=InputError)
@@ -123,8 +121,8 @@ def identify(
         )
     sources = several(log)
     tests = several(test)
-    logs = list[Log]()
-    all_options = list[ImportOptions]()
+    logs = []
+    all_options = []
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
         one, described = log_and_robot(source, described, all_options[-1])
@@ -149,17 +147,18 @@ def identify(
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
     check = None
-    if dynamics.size and constraints is None:
+    if dynamics.size and not described.constraints:
         checks = (check_torques(one, described) for one in (*logs, *without))
         check = min(checks, key=lambda one: one.fits)  # the first that does not, if there is one
         if not (check.fits or any(way.doubtful for way in all_options)):
-            raise TorqueMismatchError(
+            refusal = TorqueMismatchError(
                 check.verdict,
                 where=f"{check.source}: tau",
                 hint="--accept-doubts learns nevertheless, without trust in the result; in Python "
                 'import_options={"doubtful": True}.',
-                check=check,
             )
+            refusal.check = check
+            raise refusal
     # one after another, each smoothed alone
     *arrays, smoothed = zip(*(motion_of_log(nominal, one) for one in logs), strict=True)
     motion = MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
@@ -177,7 +176,7 @@ def identify(
     estimator = Estimator(placed, given, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
     everything = nominal_dynamics(with_shafts(placed), replace(unknown, effects=KINDS), ())
-    windows = Windows.of(motion, averages, everything, constraints)
+    windows = Windows.of(motion, averages, everything, described)
     first = windows.between(last=split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
@@ -188,7 +187,7 @@ def identify(
         )
     effects = None
     others = given.friction is None and not given.effects
-    if constraints is None and (given.armature is None or others):
+    if not described.constraints and (given.armature is None or others):
         effects = choose_effects(
             nominal,
             motion,
@@ -209,13 +208,13 @@ def identify(
     dynamics = controller.dynamics
     model = nominal_dynamics(placed, unknown, ())
     physical = physical_set(dynamics, nominal)
-    windows = Windows.of(motion, averages, model, constraints)
+    windows = Windows.of(motion, averages, model, described)
     weighed = mass_equation(dynamics, nominal, total_mass)
     bounds = bounds_of_masses(dynamics, mass_bounds)
     load_estimate = gains = None
     for one in without:
         still = motion_of_log(nominal, one)
-        bare = Windows.of(still, Averages(still.t, one.period), model, constraints)
+        bare = Windows.of(still, Averages(still.t, one.period), model, described)
         part = learned if known_load is None else split
         load_estimate, gains = load_fit(
             model, (windows.between(last=part), bare), nominal, known_load
@@ -266,7 +265,7 @@ def _online(
     stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
     state = estimator.init(measured[0])
     last = None
-    found = dict[float, Estimate]()
+    found = {}
     for k in watched(range(1, len(measured)), progress, "online"):
         state = estimator.step(state, measured[k])
         if k in stops:

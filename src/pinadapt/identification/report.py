@@ -233,13 +233,9 @@ class Identification(Printed):
     def _held_out(self, robot: Robot) -> np.ndarray:
         """Return the errors (n) of the held-out torques with another robot [N m or N]."""
         nothing = Unknown(bodies="none", friction=False, armature=False)
-        constraints = robot.constrained if robot.constraints else None
-        windows = Windows.of(
-            self.motion,
-            Averages(self.motion.t, self.log.period),
-            nominal_dynamics(robot, nothing, ()),
-            constraints,
-        )
+        dynamics = nominal_dynamics(robot, nothing, ())
+        averages = Averages(self.motion.t, self.log.period)
+        windows = Windows.of(self.motion, averages, dynamics, robot)
         return rms(windows.between(self.split).y, 0)
 
     @cached_property
@@ -389,7 +385,7 @@ class Identification(Printed):
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return dict(plain(self._record))
+        return plain(self._record)
 
     def report(self, compared: Mapping[str, Robot] | None = None) -> Report:
         """Return the whole report, with the held-out errors of other models by name.
@@ -433,7 +429,7 @@ class Identification(Printed):
         for name, robot in compared.items():
             if robot.joint_names != joints:
                 raise ParameterError(
-                    f"its joints are {list(robot.joint_names)}, those of the log {list(joints)}.",
+                    f"its joints are {robot.joint_names}, those of the log {joints}.",
                     where=f"compared model {robot.name}",
                 )
             columns[name] = self._held_out(robot)

@@ -167,7 +167,7 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     plain = _fit(motion)
     undone = ((cause, _fit(other)) for cause, other in _mistakes(motion))
     likely = sorted(undone, key=lambda one: one[1].score)
-    causes = list[str]()
+    causes = []
     best = likely[0][1].score
     if best < plain.score - _EVIDENCE:
         causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _EVIDENCE]

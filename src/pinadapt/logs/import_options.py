@@ -166,7 +166,7 @@ class ImportOptions:
         log = self._in_order_of(robot, log)
         names = robot.joint_names
         n = robot.model.nv
-        signs = self._signs(robot.joint_names)
+        signs = self._signs(names)
         G = _matrix(self.gear, names, "gear")
         K = _matrix(self.torque_gain, names, "torque_gain")
         if np.linalg.matrix_rank(G) < n:
@@ -175,8 +175,7 @@ class ImportOptions:
                 where="import_options.gear",
                 hint="Row i has the turns of motor i for one turn of each joint.",
             )
-        turning = ~np.array(list(robot.slides.values()))
-        scale = np.where(turning & self.degrees, math.pi / 180.0, 1.0)
+        scale = np.where(self.degrees & ~robot.sliding, math.pi / 180.0, 1.0)
         A = signs["q"][:, None] * np.linalg.inv(G) * scale
         offset = _per_joint(self.offset, names, "offset", 0.0)
         log = replace(log, tau=_mapped(signs["tau"][:, None] * (G.T @ K), log.tau))

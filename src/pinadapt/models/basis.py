@@ -253,7 +253,7 @@ def base_parameters(model: Dynamics | TaskKinematics, robot: Robot) -> BaseParam
             rows.append(model.Y_p)
     chosen, regrouping = independent_columns(np.vstack(rows))
     dead = [model.names[i] for i in np.flatnonzero(~regrouping.any(axis=0)).tolist()]
-    return BaseParameters(tuple(model.names), chosen, regrouping, tuple(dead))
+    return BaseParameters(model.names, chosen, regrouping, tuple(dead))
 
 
 def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -84,8 +84,8 @@ class TaskKinematics(ABC):
         self.task = task
         self.unknown = unknown
         self.joint_names = robot.joint_names
-        self.nq = int(robot.model.nq)
-        self.nv = int(robot.model.nv)
+        self.nq = robot.model.nq
+        self.nv = robot.model.nv
         self.positions = task.positions
         self._still = np.zeros(self.nv)
 

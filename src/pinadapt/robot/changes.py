@@ -101,7 +101,7 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
     Raises:
         InputError: unknown name; the closest one is suggested.
     """
-    names = [str(other) for other in model.names[1:]]
+    names = list(model.names[1:])
     allowed = names if name in words else [*names, *words]
     return names.index(word(name, allowed, where)) + 1
 
@@ -114,7 +114,7 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
     """
     if not isinstance(scale, Mapping):
         positive(scale, "inertial_scale", error=RobotError)
-        scale = dict.fromkeys(map(str, model.names[1:]), scale)
+        scale = dict.fromkeys(model.names[1:], scale)
     for name, given in scale.items():
         body = model.inertias[joint_id(model, name, "inertial_scale")]
         factor = positive(given, f"inertial_scale.{name}", error=RobotError)
@@ -291,7 +291,7 @@ class Friction:
         Raises:
             RobotError: another number of joints, or unknown names.
         """
-        names = [str(name) for name in model.names[1:]]
+        names = list(model.names[1:])
         given = {}
         for name in COEFFICIENTS:
             value = getattr(self, name)

@@ -145,7 +145,7 @@ def find_home(
     home = configuration_from_angles(model, np.round(best, 4))
     ((largest, *_, smallest),) = singular_values(model, frames, rows, [home])
     if smallest < 1e-6 * max(largest, np.finfo(float).tiny):
-        names = "', '".join(str(model.frames[frame].name) for frame in frames)
+        names = "', '".join(model.frames[frame].name for frame in frames)
         raise RobotError(
             f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
             "is singular in every pose.",

@@ -275,8 +275,8 @@ def _load_chain(
         reference[at : at + 7] = [0.0] * 6 + [1.0]  # the base's joints say where it is
     model = reduced(described, keep, reference)[0]
     if not frames:
-        links = (str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
-        frames = [next(links) if free else (*ends, str(model.frames[-1].name))[0]]
+        links = (each.name for each in model.frames if each.type == pin.FrameType.BODY)
+        frames = [next(links) if free else (*ends, model.frames[-1].name)[0]]
     model = with_base_joints(model) if free else model
     tips = [frame_id(model, name) for name in frames]
     check_position_limits(model)
@@ -322,7 +322,7 @@ def _load_chain(
         Friction().of(model),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in frames),
-        locked=tuple(str(described.names[j]) for j in sorted(joints - floating - {*keep})),
+        locked=tuple(described.names[j] for j in sorted(joints - floating - {*keep})),
         welded=bool(floating) and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
@@ -379,7 +379,7 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     for index, frame in enumerate(model.frames):
         if frame.type in ENDS:
             joint = frame.parentJoint
-            name = str(frame.name)
+            name = frame.name
             chain = chain_joints(model, index)
             depth = len(model.supports[joint])
             moves = all(is_independent(model, each, mimics) for each in chain)
@@ -451,7 +451,7 @@ def choose_task(
         coordinates = len(frames) * chosen.size
         try:
             if model.nv < coordinates:
-                names = "', '".join(str(model.frames[frame].name) for frame in frames)
+                names = "', '".join(model.frames[frame].name for frame in frames)
                 raise RobotError(
                     f"task '{name}' has {coordinates} coordinates, but the chain to '{names}' has "
                     f"only {model.nv} joints.",

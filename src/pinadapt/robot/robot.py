@@ -33,10 +33,10 @@ from ..description.chain import (
     configuration_from_angles,
     effort_limits,
     frame_id,
-    is_slide,
     position_limits,
     reach,
     reduced,
+    sliding_joints,
     velocity_limits,
 )
 from ..description.floating_base import BASE_JOINTS
@@ -125,8 +125,7 @@ class Robot(Printed):
     @property
     def carriers(self) -> list[int]:
         """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
-        bodies = {self.model.frames[frame].parentJoint - 1 for frame in self.frame_ids}
-        return sorted(map(int, bodies))
+        return sorted({self.model.frames[frame].parentJoint - 1 for frame in self.frame_ids})
 
     def check_single_frame(self) -> None:
         """Refuse a robot with several task frames.
@@ -170,7 +169,7 @@ class Robot(Printed):
     @property
     def joint_names(self) -> list[str]:
         """Names of the chain's joints, from the base."""
-        return [str(name) for name in self.model.names[1:]]
+        return list(self.model.names[1:])
 
     @property
     def slides(self) -> dict[str, bool]:
@@ -180,7 +179,7 @@ class Robot(Printed):
     @property
     def sliding(self) -> np.ndarray:
         """Whether each joint (nv) is prismatic."""
-        return np.array(list(map(is_slide, self.model.joints[1:])))
+        return sliding_joints(self.model)
 
     @property
     def home_angles(self) -> np.ndarray:
@@ -201,7 +200,7 @@ class Robot(Printed):
     @property
     def mass(self) -> float:
         """Mass [kg] of all moving bodies."""
-        return float(pin.computeTotalMass(self.model))
+        return pin.computeTotalMass(self.model)
 
     @property
     def frame_task(self) -> FrameTask:
@@ -307,7 +306,7 @@ class Robot(Printed):
             if instance(added, changes.Payload, "payload", RobotError).present:
                 load = frame.placement.act(added.spatial_inertia())
                 model.inertias[frame.parentJoint] += load
-                loads = *loads, (int(frame.parentJoint), load)
+                loads = *loads, (frame.parentJoint, load)
         where = "link_translation"
         for name, given in mapping(link_translation, where, RobotError).items():
             placement = model.jointPlacements[changes.joint_id(model, name, where)]
@@ -517,7 +516,7 @@ class Visual:
         found = self.read(pin.GeometryType.COLLISION)
         if found is None or not found.ngeoms:
             return None
-        links = [str(self.whole.frames[part.parentFrame].name) for part in found.geometryObjects]
+        links = [self.whole.frames[part.parentFrame].name for part in found.geometryObjects]
         return self._reduced(found), links
 
     def _reduced(self, shapes: pin.GeometryModel) -> pin.GeometryModel:

@@ -185,7 +185,7 @@ def find_swing(robot: Robot) -> Sinusoid:
         np.where(robot.sliding, 0.1, 0.3),  # [m], [rad]
         SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
-    room = np.array([upper - home, home - lower]) - _margin(lower, upper)
+    room = np.array([upper - home, home - lower]) - margins(lower, upper)
     up = room[0] >= room[1]
     own = robot.motors  # of all others the constraints decide
     for side in (up, ~up):  # what falls on one side rises on the other
@@ -233,7 +233,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     count = len(robot.frames)
     arms = task.per_row(1.0, robot.reach)  # [m/rad]
     lower, upper = position_limits(model)
-    margin = _margin(lower, upper)
+    margin = margins(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
     constraints = tool.constrained
@@ -290,6 +290,6 @@ def _balanced(robot: Robot, constraints: Constraints, q: np.ndarray) -> bool:
     return bool(off < 1e-9)  # a convex combination, but for rounding
 
 
-def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def margins(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Return the distances (nv) [rad or m] to keep from joint limits, zero where there are none."""
     return np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)

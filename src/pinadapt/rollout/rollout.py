@@ -250,7 +250,7 @@ class Rollout(Recording, Printed):
             controller.kinematics.joint_names
         ):
             raise ParameterError(
-                f"that run was of the joints {list(controller.kinematics.joint_names)}.",
+                f"that run was of the joints {controller.kinematics.joint_names}.",
                 where="empty",
                 hint="Take a run of the same arm.",
             )

@@ -209,7 +209,7 @@ class JointTask(Task):
     def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
         """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
         rows = [
-            (str(model.names[joint.id]), joint.nq == 2, joint.idx_q, joint.idx_v, is_slide(joint))
+            (model.names[joint.id], joint.nq == 2, joint.idx_q, joint.idx_v, is_slide(joint))
             for joint in model.joints[1:]
             if chosen is None or chosen[joint.idx_v]
         ]
