@@ -67,7 +67,7 @@ def _run_all(
 
     It ends with the first that is interrupted.
     """
-    rollouts: list[Rollout] = []
+    rollouts = []
     try:
         for folder, scenario, without in pairs:
             rollouts.append(run_beside(scenario, without))

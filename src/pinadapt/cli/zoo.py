@@ -37,7 +37,7 @@ def zoo(options: Namespace) -> int:
     names = options.robots or fit
     folder = out_folder(options, "zoo", [TABLE])
     coming = run_zoo(names, options.processes, task)
-    rows: list[Record] = []
+    rows = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
             rows.append(row)

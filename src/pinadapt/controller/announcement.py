@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..adaptation.adaptation import Adaptation
-from ..description.chain import frame_id
+from ..description.chain import frame_named
 from ..exceptions import ParameterError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import placement_of
 from ..robot.changes import Load, by_frame
 from ..robot.robot import Robot
 from .state import ControllerState
@@ -119,7 +118,7 @@ def _with_tool(
     """
     model = described.changed(tool_translation=translation).model
     named = by_frame(translation, described.frames, "tool_translation")
-    places = [placement_of(model, frame_id(model, name), None) for name in named]
+    places = [frame_named(model, name).placement for name in named]
     tools = [place.translation.copy() for place in places]
     kinematics.write(model, a_k)
     for place, tool in zip(places, tools, strict=True):

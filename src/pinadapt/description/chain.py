@@ -39,6 +39,11 @@ def frame_id(model: pin.Model, name: str) -> int:
     )
 
 
+def frame_named(model: pin.Model, name: str) -> pin.Frame:
+    """Return a frame by its name, see ``frame_id``."""
+    return model.frames[frame_id(model, name)]
+
+
 def links_of(model: pin.Model, joint: int) -> list[str]:
     """Return the names of the links that a joint moves, or the joint's own name if none."""
     links = [

@@ -20,6 +20,7 @@ from .chain import (
     check_physical,
     effort_limits,
     frame_id,
+    frame_named,
     is_slide,
     links_of,
     position_limits,
@@ -271,7 +272,7 @@ def mjcf_text(robot: Any, *, free_joint: bool = True) -> str:
             motor.set("ctrlrange", digits([-effort, effort]))
             joint.set("actuatorfrcrange", digits([-effort, effort]))  # as robots are read
     for name in sites:
-        frame = model.frames[frame_id(model, name)]
+        frame = frame_named(model, name)
         ElementTree.SubElement(
             bodies[frame.parentJoint], "site", {"name": name, **_at(frame.placement)}
         )

@@ -16,7 +16,7 @@ from .chain import (
     axis_of,
     check_physical,
     effort_limits,
-    frame_id,
+    frame_named,
     is_physical,
     is_slide,
     links_of,
@@ -99,7 +99,7 @@ class _Edited:
 
     def _place_tool(self, name: str) -> None:
         """Move a task frame: the joint of a last link without mass, else a new link."""
-        frame = self.robot.model.frames[frame_id(self.robot.model, name)]
+        frame = frame_named(self.robot.model, name)
         if name in self.links and _same(frame.placement, self._placement(name)):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
@@ -115,7 +115,7 @@ class _Edited:
 
     def _placement(self, name: str) -> pin.SE3:
         """Return the placement of a link or frame in the axes of the moving joint before it."""
-        return self.described.frames[frame_id(self.described, name)].placement
+        return frame_named(self.described, name).placement
 
     def _place(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
         """Set the placement of a joint, given in the axes of the moving joint before it.
@@ -208,7 +208,7 @@ def _skeleton(robot: Any) -> Origin:
             joint, "limit", {name: digits(values[index - 1]) for name, values in limits.items()}
         )
     for frame in robot.frames:
-        carrier = links[model.frames[frame_id(model, frame)].parentJoint]
+        carrier = links[frame_named(model, frame).parentJoint]
         ElementTree.SubElement(root, "link", name=frame)
         _joint(root, f"{frame}_fixed", "fixed", carrier, frame)
     urdf = Urdf(Path(), xml_text(root), Packages(Path()))

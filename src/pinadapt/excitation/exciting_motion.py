@@ -92,7 +92,7 @@ def excite(
     robot.check_single_frame()
     duration = positive(duration, "duration", error=InputError)
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
-    level = None if floor is None else float(numbers(floor, "floor", error=InputError))
+    level = None if floor is None else float(numbers(floor, "floor"))
     allowed = Allowance(robot, excursion, load, Shapes.of(robot, srdf, level), level)
     coarse, fine = (
         _Search(dynamics, allowed, RestToRest(harmonics, duration, count * harmonics))

@@ -32,7 +32,7 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from .._checks import flag, name_list, word
-from .._output import Printed, Report, Table, write_json
+from .._output import Printed, Report, Table, as_json, write_json
 from .._version import __version__
 from ..exceptions import InputError, LogError
 from ..information.information import estimate_table, gauss_newton, spread
@@ -191,7 +191,7 @@ class Calibration(Printed):
             "version": __version__,
         }
         del whole["described"]
-        return plain(whole)
+        return as_json(plain(whole))
 
     def save(self, folder: Path | str) -> None:
         """Write ``learned.urdf``, with the calibrated placements, and ``summary.json``.

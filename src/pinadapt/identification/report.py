@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Report, Table, html_page, write_json, write_text
+from .._output import Printed, Report, Table, as_json, html_page, write_json, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
@@ -84,7 +84,7 @@ class Errors(NamedTuple):
 
 
 def plain(value: Any) -> Any:
-    """Return a value of what JSON has: None for what is not finite, records as their fields."""
+    """Return a value of what JSON has, records as their fields."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if hasattr(value, "_asdict"):
@@ -93,7 +93,7 @@ def plain(value: Any) -> Any:
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,7 +152,7 @@ class Identification(Printed):
         """The state of a controller with these estimates; see ``Controller.learned``."""
         a_d = self.dynamic.estimate
         return ControllerState(
-            float(self.motion.t[0]),
+            self.motion.t[0],
             Estimate(a_d),
             Estimate(self.kinematic.estimate),
             a_d,
@@ -385,7 +385,7 @@ class Identification(Printed):
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return plain(self._record)
+        return as_json(plain(self._record))
 
     def report(self, compared: Mapping[str, Robot] | None = None) -> Report:
         """Return the whole report, with the held-out errors of other models by name.

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import optional, word
-from ..description.chain import axis_of, configuration_from_angles, frame_id, is_slide
+from ..description.chain import axis_of, configuration_from_angles, frame_named, is_slide
 from ..description.floating_base import BASE_JOINTS
 from ..description.mjcf import mjcf_text
 from ..exceptions import InputError
@@ -206,7 +206,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot) -> None:
         type=mj.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1], friction=[least, 0.0, 0.0]
     )
     for contact in robot.contacts:
-        frame = robot.model.frames[frame_id(robot.model, contact.frame)]
+        frame = frame_named(robot.model, contact.frame)
         for corner in contact.corners:
             spec.bodies[frame.parentJoint - robot.model.njoints].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,

@@ -14,6 +14,7 @@ from .._checks import ROUNDING, flag, instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, configuration_from_angles, frame_id
 from ..exceptions import RobotError
 from ..records import Feet
+from ..tasks.task import Moving
 from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
@@ -24,9 +25,6 @@ DEPENDENT = 1e-4
 # or twice: standing feet of crawls move by at most 2.0 or 3.0 mm in place of 2.4, and feet that
 # slip are noticed in the same sample
 _FORGOTTEN = 1.0
-
-Rows = tuple[np.ndarray, np.ndarray]
-"""A (k, n) and its rate (k, n)."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class Contact:
         """Return the index of the frame."""
         return [frame_id(model, self.frame)]
 
-    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Moving:
         """Return the rows: the velocity of the frame, of a sole also its angular velocity."""
         A, A_rate = _frame_rows(model, data, at[0], pin.LOCAL_WORLD_ALIGNED)
         return A[: self.size], A_rate[: self.size]
@@ -130,7 +128,7 @@ class Loop:
         """Return the indices of both frames."""
         return [frame_id(model, name) for name in (self.frame_a, self.frame_b)]
 
-    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Moving:
         """Return the rows of the velocity of b's body at frame a, less that of frame a."""
         (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, each, pin.LOCAL) for each in at)
         v_a, v_b = (pin.getFrameVelocity(model, data, each, pin.LOCAL) for each in at)
@@ -174,7 +172,7 @@ class Coupling:
         """Return the places in v of the joint and of the one that it follows."""
         return [joint_id(model, name, "mimic") - 1 for name in (self.joint, self.leader)]
 
-    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Moving:
         """Return one constant row."""
         A = np.zeros((1, model.nv))
         A[0, at] = 1.0, -self.ratio
@@ -217,7 +215,7 @@ def parts_of(
     return tuple(found)
 
 
-def _frame_rows(model: pin.Model, data: pin.Data, frame: int, axes: pin.ReferenceFrame) -> Rows:
+def _frame_rows(model: pin.Model, data: pin.Data, frame: int, axes: pin.ReferenceFrame) -> Moving:
     """Return the Jacobian (6, n) of a frame in world axes or its own, and its rate."""
     given = model, data, frame, axes
     return pin.getFrameJacobian(*given), pin.getFrameJacobianTimeVariation(*given)
@@ -317,7 +315,7 @@ class Constraints:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return type(self), (self._model, self.parts)
 
-    def at(self, q: np.ndarray, v: np.ndarray) -> Rows:
+    def at(self, q: np.ndarray, v: np.ndarray) -> Moving:
         """Return A (k, n) and dA/dt (k, n) at q (nq) and v (n), kept for the next call there."""
         (q_last, v_last), rows = self._last
         if (q == q_last).all() and (v == v_last).all():
@@ -348,7 +346,7 @@ class Constraints:
             holds[len(holds) - 3 * len(stands) :] = np.repeat(stands, 3)
         return holds
 
-    def free(self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None) -> Rows:
+    def free(self, q: np.ndarray, v: np.ndarray, stands: np.ndarray | None = None) -> Moving:
         """Return P = I - A^+ A (n, n) and dP/dt (n, n), A the rows that hold.
 
         P A^T = 0: of a torque, P leaves what no constraint force changes.
@@ -379,7 +377,7 @@ class Constraints:
         P, P_rate = self.free(q, v, stands)
         return P.dot(M), P.dot(F) - P_rate.dot(M), P
 
-    def squeezes(self, size: int) -> Rows:
+    def squeezes(self, size: int) -> Moving:
         """Return rows E (c, size) and numbers e (c) of the chosen squeezes: E f = e.
 
         The frames are those of the last ``at``; the loops are the first of the constraints.
@@ -398,7 +396,7 @@ class Constraints:
             first += part.size
         return np.array(rows).reshape(len(rows), size), np.array(squeezes)
 
-    def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Rows:
+    def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Moving:
         """Return what A v_r (k) shall be, and its rate (k): zero where the robot stands.
 
         That of a foot in the air is xd_d - alpha (x - x_d). All contacts are points, and they are

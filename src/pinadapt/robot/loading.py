@@ -285,7 +285,7 @@ def _load_chain(
     plane = MountingPlane()
     if not (floating or found.frame or whole or len(frames) > 1):
         plane = MountingPlane.of(model, tips[0], shown)
-    couplings = list[Constraint]()
+    couplings = []
     for name, leader in found.mimics.items():
         if model.existJointName(name):
             if not model.existJointName(leader[0]):
@@ -399,7 +399,7 @@ def limbs(robot: Robot) -> list[str]:
     """
     assert robot.drawn is not None
     model = robot.drawn.whole
-    found = dict[str, int]()
+    found = {}
     taken = set[int]()
     for name in (robot.frame, *robot.ends):
         own = set(chain_joints(model, frame_id(model, name)))
@@ -445,7 +445,7 @@ def choose_task(
         RobotError: too few joints, or a task Jacobian that is always singular.
     """
     planes = PLANES if task is None and len(frames) == 1 else ()
-    found = list[tuple[float, Task, np.ndarray]]()
+    found = []
     for name in (task or "xyz", *planes):
         chosen = _task_named(name, model)
         coordinates = len(frames) * chosen.size

@@ -33,6 +33,7 @@ from ..description.chain import (
     configuration_from_angles,
     effort_limits,
     frame_id,
+    frame_named,
     position_limits,
     reach,
     reduced,
@@ -302,7 +303,7 @@ class Robot(Printed):
         loads = self.loads
         changes.scale_inertias(model, inertial_scale)
         for name, added in changes.by_frame(payload, self.frames, "payload").items():
-            frame = model.frames[frame_id(model, name)]
+            frame = frame_named(model, name)
             if instance(added, changes.Payload, "payload", RobotError).present:
                 load = frame.placement.act(added.spatial_inertia())
                 model.inertias[frame.parentJoint] += load
@@ -315,7 +316,7 @@ class Robot(Printed):
             )
         where = "tool_translation"
         for name, given in changes.by_frame(tool_translation, self.frames, where).items():
-            placement = model.frames[frame_id(model, name)].placement
+            placement = frame_named(model, name).placement
             shift = vector(given, 3, where, error=RobotError, fills=False)
             placement.translation += placement.rotation @ shift
         if armature is not None:

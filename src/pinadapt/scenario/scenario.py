@@ -258,11 +258,11 @@ def _in_time(events: Sequence[Record], name: str) -> dict[float, Tables]:
     Raises:
         ScenarioError: an event without a time, or two at the same one.
     """
-    found: dict[float, Tables] = {}
+    found = {}
     for number, event in enumerate(events):
         others = dict(event)
         place = f"events.{name}.{number}.at"
-        at = positive(others.pop("at", None), place, zero=True, error=ScenarioError)
+        at = positive(others.pop("at", None), place, error=ScenarioError)
         if at in found:
             raise ScenarioError("there is another event at this time.", where=place)
         found[at] = others

@@ -335,7 +335,7 @@ def record(
     Returns:
         The samples, and how the run ended, by the names of a ``Rollout``.
     """
-    samples = list[Sample]()
+    samples = []
     ended: dict[str, Any] = {"diverged": None, "reason": None}
     last = 0.0
     try:

@@ -142,7 +142,7 @@ def _order(feet: np.ndarray) -> list[int]:
     The fore ones are those with the largest x.
     """
     side = feet[:, 1] > feet[:, 1].mean()
-    return [int(foot) for foot in np.lexsort((feet[:, 0], side))]
+    return np.lexsort((feet[:, 0], side)).tolist()
 
 
 def _inside(triangle: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from .._checks import ROUNDING
 from ..controller.controller import Controller
 from ..controller.state import Sample
-from ..description.chain import frame_id
+from ..description.chain import frame_named
 from ..exceptions import ImplausibleError
 from ..robot.robot import Robot
 from .drawing import Colour, Keyframes, Node, overlay, rod
@@ -60,10 +60,9 @@ class DrawnContacts:
 
     def place(self, motion: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
         """Move everything to where a motion of the robot has it, with forces (F, c, 6)."""
-        model = self._robot.model
         for contact, force in zip(self._robot.contacts, forces.swapaxes(0, 1), strict=True):
             node = self._node[contact.frame]
-            frame = model.frames[frame_id(model, contact.frame)]
+            frame = frame_named(self._robot.model, contact.frame)
             moved = motion[:, frame.parentJoint] @ frame.placement.homogeneous
             at = moved[:, :3, 3]
             f, m = np.split(force, 2, axis=1)
