@@ -156,7 +156,7 @@ class ContactError(DivergedError):
         frame: that of the contact.
     """
 
-    def __init__(self, reason: str, frame: str) -> None:
+    def __init__(self, reason: str, frame: str = "") -> None:
         """Keep the reason and the contact's frame."""
         self.frame = frame
         super().__init__(reason)

@@ -27,7 +27,7 @@ from ..plants.plant import Plant, PlantMaker, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Sensors
 from ..reference import SmallExcitation, starting_from
-from ..robot.motors import Actuators, overloaded
+from ..robot.motors import Actuators, overloaded, torque_bounds
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import Evaluation
 from ..rollout.rollout import Rollout
@@ -390,8 +390,8 @@ def rollout_of(
     words = dict(robots.words)
     for time in announced:
         words[time] = f"{words[time]}, announced" if time in words else "announced"
-    stated = [each for each in (plant.torque_limits, controller.limits.torque) if each is not None]
-    limits = np.min([np.full(n, np.inf), *stated], axis=0)
+    own, asked = plant.torque_limits, controller.limits.torque
+    limits = np.minimum(torque_bounds(own, n), torque_bounds(asked, n))
     adapted = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return Rollout(
         robot=robot.name,

@@ -271,6 +271,12 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
         sizes: Any = (None,) * 3
         if task is not None:
             sizes = task.coordinates, task.size, task.size
+            if np.size(start.x_d) != task.coordinates:
+                raise InputError(
+                    f"the desired motion has {np.size(start.x_d)} coordinates, the task "
+                    f"'{task.name}' {task.coordinates}.",
+                    where="trajectory",
+                )
             if np.size(start.xd_d) == task.coordinates != task.size:
                 raise InputError(
                     f"velocities of the task '{task.name}' have {task.size} numbers.",
