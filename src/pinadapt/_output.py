@@ -185,12 +185,6 @@ class Table(NamedTuple):
     header: Sequence[str] = ()
     title: str = ""
 
-    @classmethod
-    def of(cls, records: Sequence[Any]) -> Table:
-        """Return a row for each of some named tuples, a column for each of their fields."""
-        header = [name.replace("_", " ") for name in records[0]._fields]
-        return cls(records, header)
-
     @property
     def sides(self) -> str:
         """Alignment of each column: l or r."""

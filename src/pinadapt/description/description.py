@@ -64,9 +64,7 @@ class Description:
     passive: tuple[str, ...] = ()
 
 
-def describe(
-    source: Source, *, xacro: XacroArguments | None = None, mass: float | None = None
-) -> Description:
+def describe(source: Source, xacro: XacroArguments | None, mass: float | None) -> Description:
     """Return the whole robot that a name, a path or an object describes.
 
     Args:

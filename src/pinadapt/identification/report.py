@@ -412,7 +412,8 @@ class Identification(Printed):
         for part in ("effects", "gains", "kinematic", "dynamic"):
             records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
             if records:
-                tables.append(Table.of(records)._replace(title=part))
+                header = [name.replace("_", " ") for name in records[0]._fields]
+                tables.append(Table(records, header, part))
         return Report(
             f"{self.described.name}, identified from {self.log.source}", tables, self.verdict
         )

@@ -156,7 +156,7 @@ def load(
             where="pixel",
             hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
         )
-    found = describe(source, xacro=xacro, mass=mass)
+    found = describe(source, xacro, mass)
     free = word(base, (FIXED, FREE), "base") == FREE
     known = named or name_list(found.frame or (), "frame")
     idle = tuple(name_list(passive, "passive", RobotError))
