@@ -303,7 +303,7 @@ class Sensors:
 
     def deviation(self, channel: str) -> float:
         """Return the standard deviation of a channel that has one number: all but ``tau``."""
-        return float(self.noise.get(channel, 0.0))  # type: ignore[arg-type]
+        return self.noise.get(channel, 0.0)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,6 @@ def log_of_columns(table: Table, joints: Sequence[str], options: ImportOptions, 
             "q=NAME,..., in a file without header q=2-8; --joints A,B,... for other joints.",
         )
     t = own.single("t")
-    if found["tau"] is None:
-        found["tau"] = np.full(found["q"].shape, np.nan)
     known = joints if own.by_name else ()
     return Log(
         np.arange(len(found["q"])) if t is None else t,

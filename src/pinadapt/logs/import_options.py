@@ -251,7 +251,7 @@ def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np
         for name in given:
             word(name, names, where)
         given = [given.get(name, default) for name in names]
-    return vector(default if given is None else given, len(names), where, names=list(names))
+    return vector(default if given is None else given, len(names), where, names=names)
 
 
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
