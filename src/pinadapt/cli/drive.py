@@ -33,6 +33,7 @@ from ..scenario.tables import (
     Tables,
     at_folder,
     made,
+    parts,
     plain,
     read_tables,
     setting,
@@ -197,7 +198,8 @@ def _tables(options: Namespace) -> tuple[Tables, Path, Payload | None]:
         raise ScenarioError(
             "is also given by --load; give only one of them.", where="controller.payload"
         )
-    known = plain(asdict(at_task_frame(load, described_robot(at_folder(tables, folder)))))
+    robot = described_robot(parts(at_folder(tables, folder)))
+    known = plain(asdict(at_task_frame(load, robot)))
     own = {"controller.payload": known, "controller.compensated": {"payload": known}}
     return with_values(tables, own), folder, load
 

@@ -193,21 +193,16 @@ def load(
             'task="joint", or a frame that they move, keeps them.',
             stacklevel=3,
         )
-    locks = [*found.locked, *name_list(locked, "locked", RobotError)]
+    found = replace(
+        found,
+        task=found.task if task in (None, IMAGE) else task,
+        locked=(*found.locked, *name_list(locked, "locked", RobotError)),
+        passive=idle,
+    )
     refused = None
     for choice in [named] if whole else [known] if known else [[end] for end in ends]:
         try:
-            robot = _load_chain(
-                found,
-                choice,
-                ends=ends,
-                task=found.task if task in (None, IMAGE) else task,
-                locked=locks,
-                q0=q0,
-                free=free,
-                constraints=closed + feet,
-                passive=idle,
-            )
+            robot = _load_chain(found, choice, ends, q0, free, closed + feet)
             break
         except RobotError as error:  # of the first choice, where no chain is able to do the task
             if error.where != "task":
@@ -230,32 +225,27 @@ def _load_chain(
     found: Description,
     frames: list[str],
     ends: Sequence[str],
-    task: str | None,
-    locked: Sequence[str],
     q0: ArrayLike | None,
     free: bool,
     constraints: tuple[Constraint, ...],
-    passive: tuple[str, ...],
 ) -> Robot:
     """Return the robot of the chains to some frames, or of the whole tree; see ``load``.
 
     Args:
-        found: the description.
+        found: the description, with the chosen task, or None for the default, and all joints that
+            are locked or have no motor.
         frames: none for the whole tree.
         ends: other frames at which a chain could end.
-        task: its name, or None for the default.
-        locked: joints to lock.
         q0: home pose, or None.
         free: whether the base is; the whole tree is kept then, with a frame too. If not, a
             floating base is fixed.
         constraints: loops and contacts, with which the whole tree is kept.
-        passive: joints without motors.
     """
     described = found.model
     whole = free or constraints or not frames
     joints = set(range(1, described.njoints))
     floating = {joint for joint in joints if is_free_flyer(described.joints[joint])}
-    locks = {changes.joint_id(described, name, "locked") for name in locked}
+    locks = {changes.joint_id(described, name, "locked") for name in found.locked}
     chain = joints
     if not whole:
         tips = [frame_id(described, name) for name in frames]
@@ -293,10 +283,10 @@ def _load_chain(
             couplings.append(Coupling(name, *leader))
     constraints = *couplings, *constraints
     if free:
-        chosen = _task_named(task or "pose", model)
+        chosen = _task_named(found.task or "pose", model)
         home = home_inside_limits(model, [np.concatenate([np.zeros(6), shown])])
     else:
-        chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
+        chosen, home = choose_task(model, tips, found.task, [shown, pin.neutral(model)], plane)
     if isinstance(chosen, ComTask):
         chosen = replace(chosen, model=model.copy(), frame=tips[0])
     if len(frames) > 1 and isinstance(chosen, FrameTask):
@@ -327,7 +317,7 @@ def _load_chain(
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
         constraints=constraints,
-        passive=passive,
+        passive=found.passive,
     )
     J = np.zeros((0, model.nv))
     if isinstance(chosen, JointTask):

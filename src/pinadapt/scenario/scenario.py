@@ -99,7 +99,7 @@ class Scenario:
         """
         tables = at_folder(tables, folder)
         given = parts(tables)
-        described = described_robot(tables)
+        described = described_robot(given)
         sensors = given["sensors"]
         pixel = getattr(described.task, "pixel", None)
         if pixel is not None and "x" in sensors.noise:  # as in a picture
@@ -192,13 +192,12 @@ class Scenario:
             raise ScenarioError(f"{error}", where="robot.q0") from error
 
 
-def described_robot(tables: Tables) -> Robot:
-    """Return the robot of [robot], as described.
+def described_robot(given: Tables) -> Robot:
+    """Return the robot of [robot], as described, from the ``parts`` of the tables.
 
     Raises:
         InputError: it cannot be loaded.
     """
-    given = parts(tables)
     with in_table("robot"):
         robot = load(**given["robot"])
     cameras = len(given["truth"]["camera"])

@@ -348,7 +348,7 @@ class Plan:
         """What is varied beside the listed cases; "KEY.*" has a number for each joint."""
         values = [Values.of(str(key), each) for key, each in self.vary.items()]
         if self.scenario is not None and any(each.key.endswith(".*") for each in values):
-            names = described_robot(self._tables(dict(*self.case[:1]))).joint_names
+            names = described_robot(parts(self._tables(dict(*self.case[:1])))).joint_names
             values = [each.by_joint(names) for each in values]
         return values
 
