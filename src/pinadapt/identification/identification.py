@@ -121,7 +121,7 @@ def identify(
         )
     sources = several(log)
     tests = several(test)
-    logs = []
+    logs = list[Log]()
     all_options = []
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
