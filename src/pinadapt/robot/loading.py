@@ -185,6 +185,8 @@ def load(
             "every joint of a chain has a motor.", where="passive", hint='Choose task="joint".'
         )
     if whole:
+        for name in idle:
+            word(name, list(model.names)[1:], "passive")
         closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
         idle += found.passive
     elif found.closures:
