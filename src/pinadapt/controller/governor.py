@@ -151,8 +151,6 @@ class Governor:
         of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length = 1.0 / (self.position * robot.reach)
         weight = task.per_row(length, 1.0 / self.angle)
-        if isinstance(task, JointTask):
-            weight[robot.sliding[list(task.dofs)]] = length
         return PathGovernor(
             self,
             names=("", ERROR, FRAMES, *of_joints),

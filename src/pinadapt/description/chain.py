@@ -163,11 +163,12 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
 def position_limits(model: pin.Model) -> Bounds:
     """Return lower and upper joint limits (2, nv) [rad or m]; +-inf for joints without limits.
 
-    URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
-    turns therefore counts as no limit.
+    URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty, or wider than two
+    turns (as files round them) or a kilometre, therefore counts as no limit.
     """
     low, high = stated = _stated_limits(model)
-    limited = (low < high) & (high <= low + 4.0 * np.pi)
+    widest = np.where(sliding_joints(model), 1e3, 4.0 * np.pi + 1e-3)
+    limited = (low < high) & (high <= low + widest)
     return np.where(limited, stated, [[-np.inf], [np.inf]])
 
 
@@ -179,10 +180,15 @@ def _stated_limits(model: pin.Model) -> Bounds:
 
 
 def position_bounds(model: pin.Model) -> Bounds:
-    """Return finite bounds (2, nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
-    limits = position_limits(model)
-    half = np.where(sliding_joints(model), 1.0, np.pi)
-    return np.where(np.isfinite(limits), limits, [-half, half])
+    """Return bounds (2, nv) [rad or m] of all placements that joints have.
+
+    The limits, but half a turn to each side where they leave two turns or more; 1 m without limits.
+    """
+    low, high = limits = position_limits(model)
+    slides = sliding_joints(model)
+    narrow = high <= low + np.where(slides, 1e3, 4.0 * np.pi)
+    half = np.where(slides, 1.0, np.pi)
+    return np.where(narrow, limits, [-half, half])
 
 
 def effort_limits(model: pin.Model) -> np.ndarray:

@@ -222,6 +222,10 @@ class JointTask(Task):
         groups = RowGroup("slides", "m", rows[0]), RowGroup("joints", "rad", rows[1])
         return tuple(group for group in groups if group.rows.size)
 
+    def per_row(self, length: float, angle: float) -> np.ndarray:
+        """Return one number for each row (m): of slides, and of joints that turn."""
+        return np.where(self.slides, length, angle)
+
     def of(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of a configuration q (nq)."""
         if len(q) == self.size:
