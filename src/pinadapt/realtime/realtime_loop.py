@@ -655,16 +655,19 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
     """Refuse an arm that is not the controller's.
 
     Raises:
-        InputError: other joints, another period, or gravity that is compensated by both or neither.
+        InputError: other joints or the same in another order, another period, or gravity that is
+            compensated by both or neither.
     """
     facts = arm.facts
-    names = controller.kinematics.joint_names
-    if len(facts.joints) != len(names):
+    own = list(facts.joints)
+    names = list(controller.kinematics.joint_names)
+    reordered = own != names and sorted(own) == sorted(names)
+    if len(own) != len(names) or reordered:
         raise InputError(
-            f"the arm has {len(facts.joints)} joints {list(facts.joints)}, the controller's robot "
-            f"{len(names)}: {names}.",
+            f"the arm has {len(own)} joints {own}, the controller's robot {len(names)}: {names}.",
             where=facts.name,
-            hint="Load the description of this arm; lock joints that are not its own.",
+            hint="Load the description of this arm, whose order of joints counts; lock joints that "
+            "are not its own.",
         )
     if math.isfinite(controller.period) and abs(controller.period / facts.period - 1.0) > 0.05:
         raise InputError(

@@ -337,9 +337,11 @@ class Recording:
     @property
     def extent(self) -> float:
         """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
-        if self.path_extent is not None or not len(self.t):
+        groups = self.task.groups
+        both = groups[0].name == "slides" and len(groups) > 1  # the motion's is of all joints
+        if not len(self.t) or (self.path_extent is not None and not both):
             return self.path_extent or 0.0
-        x_d = self.x_d[:, self.task.groups[0].rows]
+        x_d = self.x_d[:, groups[0].rows]
         extent = 0.5 * float(np.linalg.norm(np.ptp(x_d, axis=0)))
         return extent if extent > ROUNDING * np.abs(x_d).max(initial=0.0) else 0.0
 
