@@ -116,6 +116,8 @@ class Mjcf:
     def model(self) -> pin.Model:
         """Build the model, with frames where loops are closed, which meet at the pose "qpos0".
 
+        A warning names the motors without ``actuatorfrcrange``: ranges of actuators are not read.
+
         Raises:
             RobotError: Pinocchio cannot read it, or a loop is of bodies that it does not have.
         """
@@ -127,6 +129,14 @@ class Mjcf:
                 where=self.path,
                 hint=_COMPILED,
             ) from error
+        driven = _driven(self.root, self.mimics)
+        efforts = effort_limits(model)[model.idx_vs[1:]]
+        named = zip(model.names[1:], np.isfinite(efforts), strict=True)
+        if names := [name for name, limited in named if name in driven and not limited]:
+            warnings.warn(
+                f"{self.path}: no actuatorfrcrange, taken as unlimited: {', '.join(names)}.",
+                stacklevel=3,
+            )
         for option in self.root.findall("option[@gravity]"):
             model.gravity.linear = np.array(option.get("gravity", "").split(), dtype=float)
         data = model.createData()
