@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, optional, positive, take_checked, vector, whole
+from .._checks import instance, optional, positive, take_checked, vector, vector, whole
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -64,6 +64,7 @@ class Motor:
         whole(self.id, "motor.id", 1, most=126)
         if self.sign not in (1, -1):
             raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motor.sign")
+        vector([self.offset], 1, "motor.offset")
         take_checked(self, positive, "motor.", "ratio", "torque")
 
 

@@ -215,7 +215,7 @@ class RealtimeLoop:
         self._given: np.ndarray | None = None
         self._state: ControllerState  # from the first cycle on
         self._path: Trajectory = Hold()
-        self._begin = self._t = 0.0
+        self._begin = self._started = self._t = 0.0  # of the path, of the run, now
         self._phase = Phase.STARTING
         self._quiet = 0.0
         self._halted = False  # by a command, which another one takes back
@@ -300,7 +300,7 @@ class RealtimeLoop:
         m = self._read()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
-        self._begin = self._t = m.t
+        self._begin = self._started = self._t = m.t
         self._controller = controller = controller.resting_at(m.q)
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
@@ -408,7 +408,7 @@ class RealtimeLoop:
                 self._recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
-            over = duration is not None and m.t - self._begin >= duration
+            over = duration is not None and m.t - self._started >= duration
             if over and (self._phase is Phase.RUNNING or self._halted):
                 self._enter(Phase.HOLDING, "the time is over")
             due += self._period
@@ -546,7 +546,7 @@ class RealtimeLoop:
         if not commanded:
             result.reason = result.reason or why
         result.failed = result.failed or failed
-        result.phases.append((self._t - self._begin, name, why))
+        result.phases.append((self._t - self._started, name, why))
         self._say(f"{name}: {why}")
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
