@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, optional, positive, take_checked, vector, vector, whole
+from .._checks import instance, optional, positive, take_checked, vector, whole
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.robot import Robot
