@@ -132,9 +132,9 @@ class Mjcf:
         driven = _driven(self.root, self.mimics)
         efforts = effort_limits(model)[model.idx_vs[1:]]
         named = zip(model.names[1:], np.isfinite(efforts), strict=True)
-        if names := [name for name, limited in named if name in driven and not limited]:
+        if unlimited := [name for name, limited in named if name in driven and not limited]:
             warnings.warn(
-                f"{self.path}: no actuatorfrcrange, taken as unlimited: {', '.join(names)}.",
+                f"{self.path}: no actuatorfrcrange, taken as unlimited: {', '.join(unlimited)}.",
                 stacklevel=3,
             )
         for option in self.root.findall("option[@gravity]"):

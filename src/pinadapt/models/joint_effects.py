@@ -100,8 +100,7 @@ class JointEffects:
         """
         friction = robot.friction
         self._n = robot.model.nv
-        names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
-        pairs = _pairs(chosen_kinds(unknown), names, self._n)
+        pairs = chosen_coefficients(robot, unknown)
         at = tuple(np.array(list(pairs.values()), dtype=np.int64).reshape(-1, 2).T)
         self.known = coefficients(robot)
         typical = typical_coefficients(robot)
@@ -183,18 +182,22 @@ class JointEffects:
         return a_j if same and np.allclose(true, self.known) else None
 
 
-def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> dict[str, tuple[int, int]]:
+def chosen_coefficients(robot: Robot, unknown: str | Sequence[str]) -> dict[str, tuple[int, int]]:
     """Return name -> (kind, shaft) of each chosen coefficient, ordered by kind, then by shaft.
 
     A free base has none.
 
     Raises:
-        InputError: a joint or shaft that does not exist, or has no such coefficient.
+        InputError: as ``chosen_kinds``, or a joint or shaft that does not exist, or has no such
+            coefficient.
     """
+    words = chosen_kinds(unknown)
+    shafts = robot.friction.shafts
+    names = [*robot.joint_names, *(part.name(robot.joint_names) for part in shafts)]
     every = {
         f"{names[shaft]}.{kind}": (number, shaft)
         for number, kind in enumerate(KINDS)
-        for shaft in range(len(names) if number < _OF_SHAFTS else n)
+        for shaft in range(len(names) if number < _OF_SHAFTS else robot.model.nv)
         if names[shaft] not in BASE_JOINTS
     }
     for each in words:

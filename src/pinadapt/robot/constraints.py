@@ -351,6 +351,8 @@ class Constraints:
 
         P A^T = 0: of a torque, P leaves what no constraint force changes.
         """
+        if not self.parts:
+            return np.eye(v.size), np.zeros((v.size, v.size))
         A, A_rate = self.at(q, v)
         if stands is not None:
             holds = self.holding(stands)

@@ -20,7 +20,7 @@ from ..exceptions import InputError, ParameterError
 from ..laws.law import Law
 from ..models.bodies import ALL, chosen_bodies
 from ..models.dynamics import Dynamics
-from ..models.joint_effects import JointEffects
+from ..models.joint_effects import chosen_coefficients
 from ..models.linear_kinematics import OFF
 from ..models.typical_motion import TypicalMotion
 from ..robot.robot import LOAD, Robot
@@ -254,7 +254,7 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
     if kind in MEMORIES:
         rate = tuning.rate("prediction_rate", mode * w)
         dynamics = motion.dynamics
-        friction = set(JointEffects(motion.robot, ("viscous", "coulomb")).names)
+        friction = set(chosen_coefficients(motion.robot, ("viscous", "coulomb")))
         whole = list(dynamics.bodies) == chosen_bodies(motion.robot, ALL)
         explains_all = whole and friction.issubset(dynamics.names)
         unit = _WIDTH**2 * _unit(Gamma, motion)  # P = unit Gamma
