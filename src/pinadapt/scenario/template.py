@@ -139,7 +139,7 @@ class Template:
             out = np.zeros(3)
             frame = robot.placement(robot.q0)
             place = robot.frame_task.place if robot.task.positions else slice(None)
-            out[place] = frame.translation[place]
+            out[place] = frame.translation[place] if frame.translation[place].any() else 1.0
             length = TOOL_ERROR * robot.reach
             tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
             found[name] = np.round(tool, 3 - floor(log10(length)))
