@@ -103,6 +103,13 @@ def tune(
     more: Row = {}
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
+    other = replace(plan, seed=plan.seed + 1, **more)
+    if len(other.cases) < 5:  # of which Wilcoxon's test finds no five alike in less than 1 of 20
+        raise InputError(
+            f"{len(other.cases)} cases do not tell better gains from chance; five do.",
+            where="validation",
+            hint="Take more samples, or --validation N.",
+        )
 
     def judge(chosen: Row, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
@@ -134,7 +141,6 @@ def tune(
         tried.append(judge(trial.params, plan))
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
-    other = replace(plan, seed=plan.seed + 1, **more)
     default = judge({}, other)
     chosen = judge(best.gains, other)
     words, better = verdict(default, chosen)
