@@ -69,7 +69,8 @@ def _measured(name: str, adaptation: str) -> dict[str, Any]:
     found = {"joints": described.model.nv, "motors": int(described.motors.sum())}
     if rollout.diverged is not None:
         return {**found, "refused": f"diverged after {rollout.diverged:.2f} s: {rollout.reason}"}
-    last = float(rollout.distance[rollout.t > rollout.t[-1] - 1.0].max())
+    errors = np.linalg.norm(rollout.error, axis=1)
+    last = float(errors[rollout.t > rollout.t[-1] - 1.0].max())
     return {**found, "last": last, "step": rollout.step_time}
 
 
