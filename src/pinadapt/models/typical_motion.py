@@ -74,7 +74,8 @@ class TypicalMotion:
 
         model = robot.model
         rng = np.random.default_rng(0)
-        size = kinematics.task.per_row(robot.reach, 1.0)
+        task = kinematics.task
+        size = task.per_row(robot.reach if task.lengths else 1.0, 1.0)  # joints: by rad and m
         scale = np.outer([1.0 / 6.0, 0.01 * bandwidth**2], size)
         constraints = robot.constrained
         found = []
