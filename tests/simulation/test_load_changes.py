@@ -195,11 +195,13 @@ def test_a_tool_is_announced_by_its_translation_and_the_lengths_keep_theirs():
     assert np.array_equal(after.a_k[3:], moved[3:]) and after.a_d is state.a_d
 
 
-def hand_made():
-    """Return a controller put together without a description."""
+def test_a_controller_put_together_by_hand_adds_a_load_to_the_robot_of_its_kinematics():
     made = pa.make_controller(arm(), law="separation")
     parts = {"adaptation_k": made.adaptation_k, "adaptation_d": made.adaptation_d}
-    return pa.Controller(made.law, made.kinematics, made.dynamics, **parts)
+    by_hand = pa.Controller(made.law, made.kinematics, made.dynamics, **parts)
+    state = started(made, arm())
+    after = [told(each, state, payload=HEAVY).a_d for each in (made, by_hand)]
+    assert np.array_equal(*after)
 
 
 @pytest.mark.parametrize(
@@ -212,7 +214,6 @@ def hand_made():
         (lambda: pa.make_controller(arm()), {"payload": 3.0}),
         (lambda: pa.make_controller(arm()), {"tool_translation": [9.0, 0.0, 0.0]}),
         (lumped, {"tool_translation": TOOL}),
-        (hand_made, {"payload": HEAVY}),
     ],
 )
 def test_announcements_that_the_parameters_cannot_express_are_refused(make, news):

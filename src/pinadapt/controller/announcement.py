@@ -44,7 +44,7 @@ class ControllerParts(Protocol):
     dynamics: Dynamics
     adaptation_k: Adaptation
     adaptation_d: Adaptation
-    nominal: NominalRobot | None
+    nominal: NominalRobot
 
 
 def announced_state(
@@ -58,33 +58,25 @@ def announced_state(
     Raises:
         InputError: the parameters cannot express it, or the load or tool is impossible.
     """
-    nominal = controller.nominal
-    if nominal is None:
-        raise ParameterError(
-            "this controller was put together without a description to add a load or a tool to.",
-            where="announce",
-            hint="Give it Controller(..., nominal=NominalRobot(robot)), or use make_controller.",
-        )
     if not isinstance(payload, EllipsisType):
-        state = _loaded(controller, nominal, state, payload)
+        state = _loaded(controller, state, payload)
     if tool_translation is None:
         return state
-    a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
+    described = controller.nominal.unloaded
+    a_k = _with_tool(controller.kinematics, described, state.a_k, tool_translation)
     monitor = state.sensed.monitor._replace(fit=None)  # the next frame is that of another tool
     return state._replace(
         kinematic=controller.adaptation_k.init(a_k), sensed=state.sensed._replace(monitor=monitor)
     )
 
 
-def _loaded(
-    controller: ControllerParts, nominal: NominalRobot, state: ControllerState, load: Load
-) -> ControllerState:
+def _loaded(controller: ControllerParts, state: ControllerState, load: Load) -> ControllerState:
     """Return the state with a load in place of the one announced before.
 
     What a load adds may depend on unknown lengths: they are taken as estimated where the parameters
     cover them, else as described.
     """
-    described = nominal.robot(state.load), nominal.robot(load)
+    described = [controller.nominal.robot(each) for each in (state.load, load)]
     estimated = [at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
     init = controller.adaptation_d.init
     for before, after in (estimated, described):

@@ -73,8 +73,7 @@ class Controller:
         compensation: what the arm adds to the torque that it is sent, of q (nq), or None.
         sensors: that it was made for; ``simulate`` simulates these by default.
         period: sampling period that it was made for [s]; infinite if unknown.
-        nominal: what an announced load or tool is added to; None for a controller put together by
-            hand.
+        nominal: what an announced load or tool is added to; by default the kinematics' robot.
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class Controller:
         self.sensors = self.senses.sensors
         self.motion = motion
         self.period = period
-        self.nominal = nominal
+        self.nominal = nominal or NominalRobot(kinematics.robot)
         self.compensation = compensation
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters = law.filters
@@ -256,7 +255,7 @@ class Controller:
                 a_0=dynamic.value.copy(),
                 filters=self._filters.init(sensed, kinematics),
                 adapting=adapting,
-                load=None if self.nominal is None else self.nominal.load,
+                load=self.nominal.load,
                 sensed=sensed,
                 torque_filter=()
                 if self._torque_filter is None
@@ -355,10 +354,8 @@ class Controller:
                 the parameters are lumped products of lengths and inertias.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(self, state)
-        kinematics = self.kinematics
-        made_for = self.nominal
-        nominal = kinematics.robot if made_for is None else made_for.robot(made_for.load)
-        learned = at_lengths(self.dynamics.robot(a_d, nominal), kinematics, state.a_k)
+        nominal = self.nominal.robot(self.nominal.load)
+        learned = at_lengths(self.dynamics.robot(a_d, nominal), self.kinematics, state.a_k)
         return replace(learned, loads=(), remark=words)
 
     def recorded(self, state: ControllerState) -> ControllerState:
@@ -671,7 +668,7 @@ class Controller:
         torque = command.torque
         drives = command.drives
         if command.feedthrough is not None:
-            torque = command.at(s.a)
+            torque = torque + command.feedthrough @ s.a
         if s.filtered_torque is not None and s.residual is not None:
             drive = drives.dynamic
             drive.W = s.filtered_torque.W

@@ -49,6 +49,7 @@ class PayloadEstimate(Printed):
         mass, mass_known_to: mass and its uncertainty [kg].
         com, com_known_to: (3) centre of mass [m].
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
+        numbers: mass, centre of mass and inertia (10), and their uncertainties (10).
         explained: share, from 0 to 1, of the change of all bodies that a load on the last body
             accounts for. If it is not nearly one, estimates still move, or the arm is not as
             described.
@@ -56,6 +57,7 @@ class PayloadEstimate(Printed):
 
     def __init__(self, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0) -> None:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
+        self.numbers = value, deviation
         self.mass = float(value[0])
         self.mass_known_to = float(deviation[0])
         self.com = value[1:4]
@@ -63,14 +65,6 @@ class PayloadEstimate(Printed):
         self.inertia = value[4:]
         self.inertia_known_to = deviation[4:]
         self.explained = explained
-
-    @property
-    def numbers(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        return (
-            np.array([self.mass, *self.com, *self.inertia]),
-            np.array([self.mass_known_to, *self.com_known_to, *self.inertia_known_to]),
-        )
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -132,8 +126,8 @@ def payload_estimate(
     D = change.estimate[-PER_BODY:]
     load = Information(tuple(last), D, R, whole - R @ D).refined()
     left = whole - R @ load.estimate
-    squared = float(left @ left)
-    squared_without_load = float(whole @ whole)
+    squared = left @ left
+    squared_without_load = whole @ whole
     noise = np.sqrt(max(squared / max(change.rank - load.rank, 1), 1.0))  # in parts of that
     load = replace(load, R=R / noise, c=(change.c + left) / noise)
     value, gradient = of_load(robot, load.estimate)
@@ -256,11 +250,11 @@ class ArmPrior:
         def deviance(share: float) -> float:
             """Return -2 log of the evidence of a share, but for a constant."""
             U, s, _ = np.linalg.svd(np.hstack([load, share * arm]), full_matrices=False)
-            return float(np.sum(np.log1p(s**2)) - s**2 / (1.0 + s**2) @ (U.T @ c) ** 2)
+            return np.sum(np.log1p(s**2)) - s**2 / (1.0 + s**2) @ (U.T @ c) ** 2
 
         from scipy.optimize import minimize_scalar  # here, because scipy is slow to import
 
-        share = float(minimize_scalar(deviance, bounds=(0.0, INERTIA), method="bounded").x)
+        share = minimize_scalar(deviance, bounds=(0.0, INERTIA), method="bounded").x
         return replace(plain, root=share * plain.root)
 
     def change(self, found: Information) -> Information:
@@ -324,5 +318,4 @@ def described_values(dynamics: Dynamics, robot: Robot) -> np.ndarray:
 
 def described_robot(controller: Controller) -> Robot:
     """Return the robot as described, without a load that was announced to the controller."""
-    nominal = controller.nominal
-    return controller.kinematics.robot if nominal is None else nominal.unloaded
+    return controller.nominal.unloaded

@@ -44,10 +44,6 @@ class Command:
     feedthrough: np.ndarray | None = None
     feedforward: np.ndarray | None = None
 
-    def at(self, a: np.ndarray | None) -> np.ndarray:
-        """Return the torque (n) [N m or N] at joint acceleration a (n) [rad/s^2 or m/s^2]."""
-        return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
-
 
 @dataclass(slots=True, eq=False)
 class EstimatedModel:
