@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, numbers, shown, vector
-from ..exceptions import InputError, PinadaptError
+from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Moving, Task
 from .trajectory import Hold, Piecewise, Trajectory, motion_failed
@@ -76,14 +76,9 @@ class Function(Trajectory):
         """Return what the function returns at t [s], x_d of this size.
 
         Raises:
-            InputError: as ``at``, or the function failed.
+            InputError: as ``at``.
         """
-        try:
-            found = _coordinates(self._f(t), t)
-        except PinadaptError:
-            raise
-        except Exception as reason:
-            raise motion_failed(t, reason) from reason
+        found = _coordinates(self._f(t), t)
         if size not in (None, found[0].size):
             raise InputError(
                 f"{found[0].size} coordinates at t = {t:g} s, {size} before.", where="trajectory"

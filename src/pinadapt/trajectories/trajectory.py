@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, numbers, positive, vector
-from ..exceptions import InputError
+from ..exceptions import InputError, PinadaptError
 from ..records import Desired, Measurement
 from ..tasks.frame import rotation_between, turned
 from ..tasks.task import Task
@@ -92,13 +92,13 @@ class Trajectory(ABC):
         for t in np.linspace(0.0, span, _LOOKS):
             try:
                 looks.append(np.linalg.norm(self.at(float(t))[1:], axis=1))
-            except InputError:
+            except PinadaptError:
                 raise
-            except (TypeError, ValueError) as reason:
+            except Exception as reason:  # whatever an object of the user raises
                 raise motion_failed(t, reason) from reason
         speeds, rates = np.transpose(looks)
-        v = float(speeds.max())
-        a = float(rates.max())
+        v = speeds.max()
+        a = rates.max()
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
