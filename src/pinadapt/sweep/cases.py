@@ -31,7 +31,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .._checks import instance, mapping, positive, shown, whole, word
-from .._output import Record, read_toml, write_text
+from .._output import Record, read_toml, toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
@@ -407,11 +407,8 @@ class Plan:
 
         It may have another condition of success, which only the report applies.
         """
-        import tomlkit
-
-        own = tomlkit.parse(self.text()).unwrap()
         there = read_toml(folder / COPY) if (folder / COPY).is_file() else {}
-        return own == {**there, "success": self.success}
+        return toml.loads(self.text()) == {**there, "success": self.success}
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
