@@ -23,7 +23,7 @@ from .exceptions import InputError
 from .laws.posture import Posture
 from .laws.separation import Separation
 from .records import Desired, Measurement
-from .robot.motors import torque_limits
+from .robot.motors import torque_bounds, torque_limits
 from .robot.robot import Robot
 from .tasks.frame import FrameTask
 from .tasks.task import Task
@@ -131,7 +131,7 @@ def joint_motion(
     data = model.createData()
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):
-        h = float(s[1] - s[0])
+        h = s[1] - s[0]
         targets = [each.x_d for each in asked]
         posture = Posture(robot, frequency=frequency)
         poses, off = _followed(robot, posture, targets, h, robot.q0 if q is None else q)
@@ -177,14 +177,14 @@ def _followed(
         J = arms[:, None] * J
         error, to_go = (arms * task.error(each, x) for each in (target, following))
         psi = -share * posture.offset(q)
-        damped = J @ J.T + (least + float(error @ error)) * np.eye(task.size)
+        damped = J @ J.T + (least + error @ error) * np.eye(task.size)
         step = psi + J.T @ np.linalg.solve(damped, to_go - J @ psi)
         step *= 0.2 / max(float(np.linalg.norm(step)), 0.2)  # [rad or m], far from the motion
-        return pin.integrate(model, q, step), float(np.abs(error).max()) / reach
+        return pin.integrate(model, q, step), np.abs(error).max() / reach
 
     J_home = arms[:, None] * task.linear_map(model, data, robot.frame_id, robot.q0)[1]
     smallest = np.linalg.svd(J_home, compute_uv=False)[-1]
-    least = (0.01 * max(float(smallest), 1e-6)) ** 2  # half or twice: durations as they are to 1e-5
+    least = (0.01 * max(smallest, 1e-6)) ** 2  # half or twice: durations as they are to 1e-5
     for _ in range(100):  # a few, unless the point is out of reach
         after, error = stepped(q, targets[0], targets[0], 0.0)
         if error < 1e-8:
@@ -247,8 +247,7 @@ def within_limits(
     positive(horizon, "horizon", error=InputError)
     positive(margin, "margin", zero=True, error=InputError)
     n = robot.model.nv
-    most = torque_limits(robot, efforts, "efforts")
-    most = np.full(n, np.inf) if most is None else most
+    most = torque_bounds(torque_limits(robot, efforts, "efforts"), n)
     accelerations: float | np.ndarray = np.inf
     if acceleration is not None:
         accelerations = joint_numbers(acceleration, "acceleration", n, zero=False)
@@ -263,9 +262,9 @@ def within_limits(
         frequency = 0.5 * Separation.own_bandwidth * slowness
         joints = joint_motion(given, robot, s, frequency=frequency)
         needed = joints.slowness(speeds, usable, accelerations)
-        kind = max(needed, key=lambda each: float(needed[each].max()))
+        kind = max(needed, key=lambda each: needed[each].max())
         before = slowness
-        slowness = max(1.0, float(needed[kind].max()))
+        slowness = max(1.0, needed[kind].max())
         if slowness == before or n <= robot.task.size:
             break
     if (lost := joints.off > 1.0).any():
@@ -315,7 +314,7 @@ class Approach(Derived):
             return self.motion.at(t - T)
         s, sd, sdd = minimum_jerk(max(t, 0.0) / T)
         x_d = self._task.moved(self._first, (1.0 - s) * self.way)
-        return Desired(np.asarray(x_d), -sd / T * self.way, -sdd / T**2 * self.way)
+        return Desired(x_d, -sd / T * self.way, -sdd / T**2 * self.way)
 
 
 class SmallExcitation(Trajectory):
@@ -415,7 +414,7 @@ def starting_from(
         s = np.linspace(0.0, approach.duration, math.ceil(approach.duration / _STEP) + 2)
         joints = joint_motion(approach, robot, s, measurement.q)
         found = joints.slowness(speeds, 0.5 * effort_limits(robot.model))
-        needed = approach.duration * max(float(p.max()) for p in found.values())
+        needed = approach.duration * max(p.max() for p in found.values())
         approach = Approach(motion, x, min(max(needed, _SHORTEST), _LONGEST), task)
     if joints.off[-1] - joints.off[0] > 1.0:  # the start is off with a tool that is not described
         warnings.warn(

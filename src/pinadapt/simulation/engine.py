@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from .._checks import flag, instance, positive, whole, word
+from .._checks import flag, instance, positive, take_checked, whole, word
 from ..controller.controller import PERIOD, Controller
 from ..exceptions import InputError
 from ..plants.elastic_plant import ElasticPlant
@@ -66,8 +66,7 @@ class Engine:
             positive(self.dt, "engine.dt")
         if self.substeps is not None:
             whole(self.substeps, "engine.substeps", 1)
-        for name in ("continuous", "ideal_acceleration"):
-            flag(getattr(self, name), f"engine.{name}")
+        take_checked(self, flag, "engine.", "continuous", "ideal_acceleration")
         if self.torque_limits is not None:
             flag(self.torque_limits, "engine.torque_limits")
         if self.ideal_acceleration and self.torque_limits:

@@ -315,17 +315,12 @@ def run_continuous(
         """Return dy/dt for y = (displacement from q, v, controller state), and the sample there.
 
         The state after it has the cause of the path's rate; its numbers are those of the next y.
-
-        Raises:
-            InputError: the desired motion is not finite.
         """
         displacement, v, flat = np.split(y, [n, 2 * n])
         place = plant.integrate(q, displacement)
         state = before.with_flat(flat)
         seen = plant.measurement(place, v, t)
         desired = controller.desired(state, trajectory, t)
-        if not np.isfinite(np.concatenate(desired)).all():
-            raise InputError(f"the motion is not finite: {desired}.", where="desired")
         signals, command = controller.command(state, seen, desired)
         if ideal_acceleration:
             a = plant.acceleration_at(place, v, command.torque, command.feedthrough)
