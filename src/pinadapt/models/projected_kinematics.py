@@ -13,6 +13,7 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -80,15 +81,13 @@ class ProjectedKinematics(LinearKinematics):
         found[: self._split].reshape(self._shape)[:, -1] = y
         return found
 
-    def initial_at(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
+    def initial_at(self, q: np.ndarray, x: Any) -> np.ndarray:
         """Return the estimate (p) to start from: as described, with the position measured.
 
         Args:
             q: (nq) measured.
-            x: measured coordinates, or None.
+            x: measured coordinates, which the first sample has.
         """
-        if x is None:
-            return self.initial.copy()
         m = self.positions
         self.update(self.initial, q, self._still)
         return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.z[:m])

@@ -89,12 +89,10 @@ class RightInverse:
         self._damped = self.conditioning < threshold
         self.unique = m == n and not self._damped
 
-    def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
+    def solve(self, u: np.ndarray, psi: np.ndarray) -> np.ndarray:
+        """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n)."""
         if self._A_rate is not None:
             u = np.concatenate([u, self._rows])
-        if psi is None:
-            return self.gram_inverse.dot(u).dot(self.J)
         return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
 
     def moving(self, rows: np.ndarray, rate: np.ndarray) -> None:
@@ -208,7 +206,7 @@ def bound_smoothly(
     if r <= knee:
         return x, rate
     width = most - knee
-    slope = float(((x / limits / r) ** 7).dot(rate / limits))  # dr/dt
+    slope = ((x / limits / r) ** 7).dot(rate / limits)  # dr/dt
     t = math.tanh((r - knee) / width)
     f = (knee + width * t) / r
     return f * x, f * rate + (1.0 - t * t - f) * slope / r * x
