@@ -272,7 +272,7 @@ class PositionObserver(Filters):
         kernels.observed(memory, self.lead, kinematics.xd_hat, x, dx_o)
         if R.size:
             R_o = turned(R, (memory[-1] + self.lead) * kinematics.xd_hat[3:])
-            eta = np.array(rotation_between(R_o, x[3:]))
+            eta = rotation_between(R_o, x[3:])
         return ObservedPosition(dx_o, s_f, disturbance, eta)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:

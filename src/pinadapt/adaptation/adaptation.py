@@ -372,7 +372,7 @@ class Wrapper(Adaptation):
         changed = error @ (drive.gradient - driven.gradient)
         if added is not None:
             changed += error @ np.linalg.solve(self.inner.gain(inner), added)
-        return self.inner.dissipation(inner, driven, truth) + float(changed)
+        return self.inner.dissipation(inner, driven, truth) + changed
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
@@ -402,7 +402,6 @@ class Stacked(Adaptation):
             self.parts.append((instance(part, Adaptation, "parts"), slice(start, end)))
         self.name = parts[0][0].name
         self.sources = tuple(source for part, _ in parts for source in part.sources)
-        self._empty = ((),) * len(parts)
         bandwidths = (part.torque_bandwidth for part, _ in parts)
         self.torque_bandwidth = next(filter(None, bandwidths), None)
 
@@ -459,7 +458,7 @@ class Stacked(Adaptation):
 
     def _memories(self, estimate: Estimate) -> tuple[Any, ...]:
         """Return the memory of each block."""
-        memories = estimate.memory or self._empty
+        memories = estimate.memory or ((),) * len(self.parts)
         if len(memories) != len(self.parts):
             raise InputError("the estimate is that of another adaptation.", where="state")
         return memories

@@ -46,7 +46,7 @@ class Gradient(Adaptation):
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""
         error = estimate.value - truth
-        return float(0.5 * error @ np.linalg.solve(self.Gamma, error))
+        return 0.5 * error @ np.linalg.solve(self.Gamma, error)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l)."""

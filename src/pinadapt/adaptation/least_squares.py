@@ -164,7 +164,7 @@ class LeastSquares(Adaptation):
         """Return |P|, the largest eigenvalue of P relative to P(0), for P^-1 (p, p)."""
         if not information.size:
             return 0.0
-        least = float(np.linalg.eigvalsh(self._root.T @ information @ self._root)[0])
+        least = np.linalg.eigvalsh(self._root.T @ information @ self._root)[0]
         return 1.0 / max(least, 1.0)  # below one is rounding
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
@@ -228,7 +228,7 @@ class LeastSquares(Adaptation):
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float:
         """Return da^T P^-1 da / 2."""
         error = estimate.value - truth
-        return float(0.5 * error @ self._information(estimate) @ error)
+        return 0.5 * error @ self._information(estimate) @ error
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2, R_0 the weight of the drive."""
@@ -240,7 +240,7 @@ class LeastSquares(Adaptation):
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
         forgotten = error @ self._forgotten(self._information(estimate)) @ error
-        return float(-learned - 0.5 * max(forgotten, 0.0))  # below zero is rounding
+        return -learned - 0.5 * max(forgotten, 0.0)  # below zero is rounding
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return P X (p, l)."""

@@ -205,11 +205,11 @@ class Normalised(Wrapper):
 
     def _factor(self, estimate: Estimate, Y: np.ndarray) -> float:
         """Return 1 / m^2 at an estimate for a regressor (k, p)."""
-        trace = float(np.sum(Y.T * self.inner.gain_times(estimate, Y.T)))
+        trace = np.sum(Y.T * self.inner.gain_times(estimate, Y.T))
         return 1.0 / (1.0 + trace / self.size)
 
 
 def _scaled_error(e: np.ndarray, size: np.ndarray) -> float:
     """Return the root mean square of e / size, e (k), size a number or (k); zero for k = 0."""
     ratio = e / size
-    return math.sqrt(float(ratio.dot(ratio)) / ratio.size) if ratio.size else 0.0
+    return math.sqrt(ratio.dot(ratio) / ratio.size) if ratio.size else 0.0

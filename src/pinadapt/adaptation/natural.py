@@ -277,7 +277,7 @@ class Natural(Adaptation):
         roots = np.diagonal(L, axis1=1, axis2=2) / np.diagonal(L_true, axis1=1, axis2=2)
         traces = np.square(np.linalg.solve(L, L_true)).sum(axis=(1, 2))
         terms = 2.0 * np.log(roots).sum(axis=1) + traces - L.shape[1]
-        return float(np.sum(terms / self._gammas))
+        return np.sum(terms / self._gammas)
 
 
 class ExponentiatedGradient(Adaptation):
@@ -356,4 +356,4 @@ class ExponentiatedGradient(Adaptation):
             return None
         from scipy.special import kl_div  # here, because scipy is slow to import
 
-        return float(np.sum(kl_div(truth, value) / self._rates))
+        return np.sum(kl_div(truth, value) / self._rates)

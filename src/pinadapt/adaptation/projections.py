@@ -134,7 +134,7 @@ class BoxProjection(Wrapper):
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
     ) -> np.ndarray:
         """Return the point (p) of low <= . <= high nearest to x in the metric at an estimate."""
-        clipped = np.minimum(np.maximum(x, low), high)
+        clipped = np.clip(x, low, high)
         Gamma = self.inner.gain(at)
         if not np.isfinite(x).all() or (Gamma == np.diag(np.diag(Gamma))).all():
             return clipped
@@ -143,7 +143,7 @@ class BoxProjection(Wrapper):
         root = np.linalg.cholesky(np.linalg.inv(Gamma)).T  # Gamma^-1 = root^T root
         # bounded-variable least squares, exact up to rounding, which the clip below removes
         y = lsq_linear(root, root.dot(x), bounds=(low, high), method="bvls", tol=1e-14).x
-        return np.minimum(np.maximum(y, low), high)
+        return np.clip(y, low, high)
 
     def _within_domain(self, a: np.ndarray, to: np.ndarray) -> np.ndarray:
         """Return a point (p) between a and ``to``, in the inner adaptation's domain as a is."""
@@ -293,7 +293,7 @@ class GravityProjection(Wrapper):
                 break
             e = np.sign(gravity[i : i + 1])
             at = estimate.with_value(kept)
-            effect = float(Z[i].dot(self.inner.gain_times(at, Z[i][:, None])[:, 0]))
+            effect = Z[i].dot(self.inner.gain_times(at, Z[i][:, None])[:, 0])
             if not effect > 0.0:
                 break
             kept = self.inner.step(at, Drive(Z[i : i + 1], e), excess / effect).value

@@ -264,10 +264,10 @@ class SlowStart(Controller):
         for way in start.ways.T:
             kinematics.update(a_k, start.q, way)
             Y_p = kinematics.Y_p
-            largest = max(largest, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
+            largest = max(largest, np.vdot(Y_p.dot(P), Y_p) / len(Y_p))
             moved.append(kinematics.xd_hat[: kinematics.positions])
         axes = min(kinematics.positions, int(np.linalg.matrix_rank(start.ways)))
-        return math.sqrt(largest), float(np.linalg.norm(moved)) / math.sqrt(axes)
+        return math.sqrt(largest), np.linalg.norm(moved) / math.sqrt(axes)
 
     def _begun(
         self, state: ControllerState, start: Start, measurement: Measurement
@@ -279,7 +279,7 @@ class SlowStart(Controller):
         a_k, information, uncertain = self._known(start, state.a_k)
         if uncertain > _KNOWN:
             return None
-        before = state.sensed._replace(x=np.array(measurement.x, dtype=float))
+        before = state.sensed._replace(x=measurement.x)
         sensed = predicted_at_rest(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(

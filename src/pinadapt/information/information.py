@@ -273,7 +273,7 @@ def fitted(
     signals are a projection, see ``repeated``. It is found in two rounds: signals are weighted by
     their ``level`` (n) in the first, by their noise in the second.
     """
-    rounding = max(ROUNDING * float(np.max(level, initial=0.0)), np.finfo(float).tiny)
+    rounding = max(ROUNDING * np.max(level, initial=0.0), np.finfo(float).tiny)
     level = np.maximum(level, rounding)
     least = np.maximum(least_noise * level, rounding)
     found = Information.of_rows(names, a, W, r, level)

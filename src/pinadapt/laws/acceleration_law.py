@@ -111,11 +111,11 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""
         alpha = self.alpha
         e = s.dxd_hat + alpha * s.dx
-        return float(0.5 * e @ e + 0.5 * s.dx @ (self.K_PV @ s.dx) - 0.5 * alpha**2 * s.dx @ s.dx)
+        return 0.5 * e @ e + 0.5 * s.dx @ (self.K_PV @ s.dx) - 0.5 * alpha**2 * s.dx @ s.dx
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt; Wang and Xie print the bound with beta, this is the equality."""
-        return float(self.alpha * s.dxd_hat @ s.dxd_hat) - self._dissipated(s, truth)
+        return self.alpha * s.dxd_hat @ s.dxd_hat - self._dissipated(s, truth)
 
 
 class ResolvedAcceleration(EstimatedVelocityLaw):

@@ -137,14 +137,14 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return xi^T P xi / 2."""
         xi = self._xi(s)
-        return float(0.5 * xi @ (self.P @ xi))
+        return 0.5 * xi @ (self.P @ xi)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return -xi^T Q xi / 2 - da_k^T Y_k^T R_k Y_k da_k."""
         xi = self._xi(s)
         Y_p = s.Y_k[: self.task.positions]
         prediction = Y_p @ (s.a_k - truth.a_k)
-        return float(-0.5 * xi @ (self.Q @ xi) - prediction @ (self.R_k @ prediction))
+        return -0.5 * xi @ (self.Q @ xi) - prediction @ (self.R_k @ prediction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ class AdaptiveJacobian(TaskFeedback):
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""
         error = self._error(s)
-        return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx))
+        return 0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
@@ -139,7 +139,7 @@ class AdaptiveJacobian(TaskFeedback):
         f = truth.friction.torque
         null = s.inverse.null(error)
         braking = error @ (f(s.v) - f(s.v - error))
-        return float(null @ (self.posture.damping * null) + braking)
+        return null @ (self.posture.damping * null) + braking
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints."""

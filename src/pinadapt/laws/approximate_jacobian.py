@@ -246,7 +246,7 @@ class ApproximateJacobian(Law):
         """Return qd^T M (qd / 2 + z) + S(dx), M the true mass matrix."""
         z = self.weight * self._compliance @ self._proportional(s)
         potential = np.diag(self.K_P) @ self.saturation.potential(s.dx)
-        return float(s.v @ (truth.M @ (0.5 * s.v + z)) + potential)
+        return s.v @ (truth.M @ (0.5 * s.v + z)) + potential
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, with the true task velocity where ``Signals.xd`` is measured."""
@@ -259,7 +259,7 @@ class ApproximateJacobian(Law):
         z = self.weight * self._compliance @ F
         zd = self.weight * self._compliance @ (turning + stretching)
         lost = (s.v + z) @ (F + self.brake(s.v) + truth.friction.torque(s.v))
-        return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
+        return force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd)
 
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:
         """Return Phi = M_hat^-1/2 Z (N, n, p_d) at each state."""
@@ -423,7 +423,7 @@ class BoundedTorque(ApproximateJacobian):
     def brake(self, v: np.ndarray) -> np.ndarray:
         """Return the damping torque K_v qd tanh(r) / r (n) [N m or N]."""
         asked = self.K_v.dot(v)
-        r = float(np.abs(asked / self.brake_limit).max())
+        r = np.abs(asked / self.brake_limit).max()
         return asked * (np.tanh(r) / r) if r > 0.0 else asked
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
@@ -470,6 +470,6 @@ def _worst_gravity(robot: Robot) -> np.ndarray:
     low, high = position_bounds(model)
     moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]
-    asked = [np.array(pin.computeGeneralizedGravity(model, data, q)) for q in places]
+    asked = [pin.computeGeneralizedGravity(model, data, q) for q in places]
     aside = 0.05 * robot.reach * load.mass * np.linalg.norm(model.gravity.linear)
     return np.abs(asked).max(axis=0) + aside

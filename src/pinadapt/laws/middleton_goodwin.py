@@ -115,7 +115,7 @@ def _mass_rate_times(
     chain = model.kinematics.robot.model
     dynamics = model.dynamics
     of_estimate = dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)
-    h = _STEP / max(float(np.abs(s.v).max()), _STEP)
+    h = _STEP / max(np.abs(s.v).max(), _STEP)
     ahead, behind = (
         dynamics.mass_matrix(pin.integrate(chain, s.q, way * s.v)).dot(z) for way in (h, -h)
     )

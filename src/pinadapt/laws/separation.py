@@ -320,13 +320,13 @@ class Separation(Law):
         V = 0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s)
         if self.lambda_d.any():
             V += 0.25 * d @ (d / (self.lambda_d * np.diag(self.K_v)))
-        return float(V)
+        return V
 
     def _observation(self, s: Signals) -> float:
         """Return c (dx_o^T dx_o + lever^2 eta^T eta)."""
         dx_o = s.filtered.dx_o
         eta = s.filtered.eta
-        return float(self.c * (dx_o @ dx_o + self.lever**2 * eta @ eta))
+        return self.c * (dx_o @ dx_o + self.lever**2 * eta @ eta)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
@@ -343,7 +343,7 @@ class Separation(Law):
                 predicted = s.filtered_torque.W @ (s.a_d - truth.a_d)
             joints += 0.5 * (d - predicted) @ (d / np.diag(self.K_v))
         task = self.beta * self._observation(s) + epsilon @ (self.R_k @ epsilon)
-        return float(-joints - task)
+        return -joints - task
 
     def feedback(self, motion: TypicalMotion) -> Feedback:
         """Return the feedback of the joints.

@@ -74,9 +74,9 @@ class SlotineLi(AdaptiveJacobian):
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""
         error = self._error(s)
-        return float(0.5 * error @ (truth.M @ error))
+        return 0.5 * error @ (truth.M @ error)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
         error = self._error(s)
-        return float(-error @ (self.K_v @ error) - self._joint_dissipation(s, truth))
+        return -error @ (self.K_v @ error) - self._joint_dissipation(s, truth)

@@ -83,10 +83,10 @@ class TaskFeedback(Law):
         """Return dxd_hat^T K_v dxd_hat + alpha dx^T K_P dx + da_k^T W_k^T R_k W_k da_k."""
         prediction = s.filtered.W_k @ (s.a_k - truth.a_k)
         task = s.dxd_hat @ (self.K_v @ s.dxd_hat) + self.alpha * s.dx @ (self.K_P @ s.dx)
-        return float(task + prediction @ (self.R_k @ prediction))
+        return task + prediction @ (self.R_k @ prediction)
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling by K_P + alpha K_v on the positions."""
         m = self.task.positions
-        stiffness = float(np.linalg.eigvalsh(self.K_PV[:m, :m])[-1]) if m else 0.0
+        stiffness = np.linalg.eigvalsh(self.K_PV[:m, :m])[-1] if m else 0.0
         return KinematicLoop(stiffness, self.alpha, self.R_k)

@@ -139,9 +139,9 @@ def nearest_physical(
     it is far away, the radius is at least 1e-4 of its distance, as rounding would hide a smaller
     one.
     """
-    m = max(float(pi[0]), least_mass)
+    m = max(pi[0], least_mass)
     c = pi[1:4] / pi[0] if pi[0] > 0.0 else np.zeros(3)
-    radius = max(least_radius, _VISIBLE * float(np.linalg.norm(c)))
+    radius = max(least_radius, _VISIBLE * np.linalg.norm(c))
     about_com = pseudo_inertia(pi)[:3, :3] - pi[0] * np.outer(c, c)
     eigenvalues, vectors = np.linalg.eigh(about_com)
     eigenvalues = np.maximum(eigenvalues, m * radius**2)

@@ -200,7 +200,6 @@ class _ObservedChain:
             ),
             self.columns,
         )
-        self._of_sensor = constants, entries, empty((4, 3))
         self.motion = np.zeros((2, width, n + 1))
         self.maps = constants.copy()
         self.G = empty((rows, width))
@@ -208,7 +207,8 @@ class _ObservedChain:
         one = 3 * self.columns.shape[1]
         self.motion[0, one, n] = 1.0
         self.z = self.G[:, one]
-        self._filled = self.motion, self.maps, self.G, self.Jdot
+        filled = self.motion, self.maps, self.G, self.Jdot
+        self._of_sensor = constants, entries, empty((4, 3)), *filled
 
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
@@ -219,7 +219,7 @@ class _ObservedChain:
         m = len(self.G)
         shape = m, a.size
         found = empty(m), empty(self.Jdot.shape), empty(m), empty(m), empty(shape), empty(shape)
-        kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *self._filled, *found)
+        kernels.observed_motion(*self._of_chain, v, a, *self._of_sensor, *found)
         return found
 
     def rotations(self) -> list[np.ndarray]:

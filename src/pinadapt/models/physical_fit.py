@@ -94,7 +94,7 @@ class PhysicalSet:
         shares = c / self.coefficients(self.center)
         of_joints = self.weights * (shares - np.log(shares) - 1.0)
         of_signed = 0.5 * self.signed(a) ** 2
-        return float(of_bodies.sum() + of_joints.sum() + of_signed.sum())
+        return of_bodies.sum() + of_joints.sum() + of_signed.sum()
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
@@ -170,7 +170,7 @@ def physical_fit(
     weight = gamma
     if a is None:
         a = physical.center
-        weight = float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2)
+        weight = np.linalg.norm(R @ physical.local(a)[0], 2) ** 2
     while weight > gamma:
         a = _newton(R, z, physical, a, weight, 1e-3)  # a tenth, ten times: the same fits
         weight /= _FALL
@@ -196,7 +196,7 @@ def nearest_with(
     """
     x = physical.center
     target = rows @ a
-    scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
+    scale = np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2
     for weight in scale * 0.1 ** np.arange(21):
         if np.linalg.norm(rows @ x - target) <= tolerance:
             return x
@@ -232,7 +232,7 @@ def _newton(
     """Return the minimum of |R a - z|^2 / 2 + gamma D(a), within about this share of gamma."""
 
     def objective(x: np.ndarray) -> float:
-        return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
+        return 0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x)
 
     root = np.sqrt(gamma)
     value = objective(a)

@@ -123,7 +123,7 @@ class TypicalMotion:
 def felt_mass(robot: Robot) -> float:
     """Return the effective mass [kg] at the frame at home, 1 / mean eigenvalue of J M^-1 J^T."""
     m = robot.task.positions
-    return float(1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m])))
+    return 1.0 / np.mean(np.linalg.eigvalsh(_mobility(robot)[:m, :m]))
 
 
 def felt_inertia(robot: Robot, largest: float) -> float:
@@ -134,7 +134,7 @@ def felt_inertia(robot: Robot, largest: float) -> float:
     """
     mobility = _mobility(robot)
     in_place = np.linalg.inv(mobility)[3:, 3:]
-    return float(min(np.trace(in_place) / 3.0, largest / np.linalg.eigvalsh(mobility[3:, 3:])[-1]))
+    return min(np.trace(in_place) / 3.0, largest / np.linalg.eigvalsh(mobility[3:, 3:])[-1])
 
 
 def joint_inertia(robot: Robot) -> np.ndarray:

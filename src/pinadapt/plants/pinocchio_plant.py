@@ -160,7 +160,7 @@ class PinocchioPlant(SimulatedPlant):
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""
-        return np.array(pin.computeCoriolisMatrix(self._model, self._data, q, v))
+        return pin.computeCoriolisMatrix(self._model, self._data, q, v)
 
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""

@@ -166,7 +166,7 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
         InputError: actuators of another number of joints.
     """
     own = actuators.of(robot)
-    late = float(np.max(dt + own.delay + 1.0 / own.bandwidth))
+    late = np.max(dt + own.delay + 1.0 / own.bandwidth)
     return 2.0 * late + 1.0 / elastic_mode(robot, actuators)
 
 
@@ -182,7 +182,7 @@ def elastic_mode(robot: Robot, actuators: Actuators) -> float:
         return np.inf
     M = pin.crba(robot.model, robot.model.createData(), robot.q0) - np.diag(robot.model.armature)
     soft = np.sqrt(1.0 / actuators.of(robot).stiffness)
-    return float(np.linalg.eigvalsh(soft[:, None] * M * soft)[-1] ** -0.5)
+    return np.linalg.eigvalsh(soft[:, None] * M * soft)[-1] ** -0.5
 
 
 def gradient_shape(robot: Robot, dynamics: Dynamics, effects: ArrayLike) -> np.ndarray:

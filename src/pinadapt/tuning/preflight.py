@@ -384,4 +384,4 @@ def _actuated(
 
 def _median_radius(transitions: np.ndarray) -> float:
     """Return the median spectral radius of transition matrices (..., k, k)."""
-    return float(np.median(np.abs(np.linalg.eigvals(transitions)).max(axis=-1)))
+    return np.median(np.abs(np.linalg.eigvals(transitions)).max(axis=-1))

@@ -304,7 +304,7 @@ def _unit(Gamma: np.ndarray, motion: TypicalMotion) -> float:
         prior = prior_variances(motion.robot, motion.dynamics)
     if prior is None:
         return 1.0
-    return float(np.median(prior / np.diag(Gamma)[: len(prior)]))
+    return np.median(prior / np.diag(Gamma)[: len(prior)])
 
 
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
@@ -316,7 +316,7 @@ def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> 
     rest = np.zeros(motion.robot.model.nv)
     changes = []
     for q, free in zip(motion.states.q, motion.free, strict=True):
-        still = np.array(regressor(q, rest, rest))
+        still = regressor(q, rest, rest)
         changes += [free @ (regressor(q, rest, e) - still) for e in np.eye(rest.size)]
     return a**2 * rest.size * mean_diagonal(adaptation, motion, changes)
 
@@ -339,7 +339,7 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
     if gamma_k is None:
         loop = law.kinematic_loop()
         stiffness = 1.0 if loop is None else loop.stiffness
-        effects = np.sqrt(stiffness) * np.array(tuning.motion.kinematic_regressors)
+        effects = np.sqrt(stiffness) * tuning.motion.kinematic_regressors
         mode = min(law.kinematic_mode * tuning.bandwidth, tuning.settings.kinematic)
         unit = Gradient(kinematics.sizes**2, size)
         gamma_k = rate_for(mode, effects, unit, start) * kinematics.sizes**2
@@ -365,7 +365,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     spread = quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
-        spread *= float(getattr(law, "lambda_", w))
+        spread *= getattr(law, "lambda_", w)
     typical = np.mean(np.einsum("nij,jk,nik->ni", seen, P_0, seen))
     # variance of the measured signal over that of the prior, white over a second
     noise = w * spread**2 / (unit * quality.rate) if spread else 0.0
