@@ -81,11 +81,14 @@ def test_notebook_runs_and_prints_what_its_text_states(path, run):
 
     if path.stem in NEEDS:
         pytest.importorskip(NEEDS[path.stem], reason="the extra franka is not installed")
-    notebook = nbformat.read(path, as_version=4)
-    run(notebook)
-    outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
-    assert not [o.text for o in outputs if o.get("name") == "stderr"]  # no warnings either
-    printed = "".join(o.text for o in outputs if o.get("name") == "stdout")
+    for _ in range(2):  # a loop on a clock may be late once, on a busy machine
+        notebook = nbformat.read(path, as_version=4)
+        run(notebook)
+        outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
+        assert not [o.text for o in outputs if o.get("name") == "stderr"]  # no warnings either
+        printed = "".join(o.text for o in outputs if o.get("name") == "stdout")
+        if "late: " not in printed:
+            break
     assert [text for text in PRINTED[path.stem] if text not in printed] == [], printed
     drawn = [cell.id for cell in notebook.cells if shown(cell, "image/png")]
     assert drawn == [cell.id for cell in notebook.cells if draws(cell)] != []
