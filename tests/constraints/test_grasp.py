@@ -94,8 +94,6 @@ def test_grasps_that_are_none_are_refused():
     for wrong in ({"squeeze": 1.0}, {"squeeze": 1.0, "closed": False, "rows": (0, 1)}):
         with pytest.raises(pa.RobotError, match="squeeze"):
             pa.Loop(*FRAMES, **wrong)
-    with pytest.raises(pa.RobotError, match="is both frames"):
-        pa.Loop(FRAMES[0], FRAMES[0])
     with pytest.raises(pa.RobotError, match="given twice"):
         pa.load("baxter", loops=[pa.Loop(*FRAMES)] * 2)
     with pytest.raises(pa.RobotError, match="0 to 5"):

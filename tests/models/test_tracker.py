@@ -236,3 +236,20 @@ def test_the_tracker_is_that_of_the_closed_form(frames):
     assert found.translation == pytest.approx(t, abs=1e-8)
     off = pin.log3(found.rotation @ true.tracker.rotation.T)
     assert 1e-5 < np.linalg.norm(off) < 1e-2  # the noise is felt by both
+
+
+def test_frames_in_a_plane_are_no_mirrors_and_known_to_their_deviations():
+    """The third column of the axes is noise; the rotation vector is known by its own deviations."""
+    robot = catalogue_robot("ur5")
+    true = robot.seen_from(TURN, PLACE)
+    off = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        samples = []
+        for t in np.linspace(0.0, 2.0 * np.pi, 40):
+            q = robot.q0 + 0.1 * np.array([0.0, np.sin(t), np.cos(t), 0.0, 0.0, 0.0])
+            x = true.position(q) + 1e-3 * rng.standard_normal(3)
+            samples.append(pa.Measurement(t, q, np.zeros(6), x))
+        found = find_tracker(TrackerKinematics(robot), samples)
+        off.append((pin.log3(found.tracker.placement.rotation) - TURN) / found.deviations[:3])
+    assert (np.abs(np.sqrt(np.mean(np.square(off), axis=0)) - 1.0) < 0.6).all()

@@ -88,6 +88,13 @@ def test_the_null_space_stays_where_the_arm_begins():
     assert np.abs(plant.measure().q - q0).max() < 1e-9
 
 
+def test_an_arm_with_its_joints_in_another_order_is_refused():
+    own = arm()
+    own.facts = replace(own.facts, joints=own.facts.joints[::-1])
+    with pytest.raises(pa.InputError, match="order of joints"):
+        Loop(own, stage="hold").ended()
+
+
 def test_a_refused_motion_or_load_leaves_those_before():
     loop = Loop(stage="hold")
     loop.ended()

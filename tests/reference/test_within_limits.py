@@ -45,7 +45,7 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
     slowed = pa.within_limits(circle, robot, horizon=10.0, **options)
     turn = slowed.law.slowness * period
     assert turn > 1.2 * period
-    s = np.arange(0.0, 4.0 + 1.2 * turn, 8e-3)
+    s = np.arange(0.0, 4.0 + 2.2 * turn, 8e-3)
     again = joint_motion(slowed, robot, s)
     assert again.off.max() < 0.05
     limit = velocity_limits(robot.model)

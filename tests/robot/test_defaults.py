@@ -51,6 +51,7 @@ def test_the_elbow_stays_above_the_floor():
     frame = robot.frame_id
     rows = robot.frame_task.rows
     without = find_home(model, [frame], rows, [pin.neutral(model)])
+    assert np.isfinite(position_limits(model)).all()  # a turn to each side
     distances = robot.mounting.distances(model, frame, [without, robot.q0])
     assert distances[0] < -0.3 and distances[1] > 0.05 * robot.reach
 

@@ -28,7 +28,8 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-# [s] by which a frame may be older than the camera explains; half, twice: the same runs
+# [s] by which a frame may be older than the camera explains; half, twice: the tests of governed
+# runs end alike
 _SPARE = 0.05
 
 

@@ -52,8 +52,8 @@ _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, doubl
 # [rad or m] by which real arms stand beyond their limits; degrees are farther; no benchmark comes
 # here, also with a hundredth or a hundred times
 _BEYOND = 0.18
-# of the first orientation; another order of a quaternion is farther; half, twice: the same tests of
-# guards and the same benchmarks
+# of the first orientation; another order of a quaternion is farther; half, twice: the tests of
+# guards end alike
 _AWRY = math.radians(30.0)
 
 JOINTS, FRAME, TORQUE, TIME = range(4)  # the channels that are bridged
@@ -171,7 +171,7 @@ class FrameFit:
         size = math.hypot(*r)
         if not math.isfinite(size):
             return size, bound, fit
-        if size >= bound:  # below, S is more than the noise of a frame
+        if size >= bound:  # smaller ones are no more than the noise of a frame
             way = r / size
             S = X @ np.linalg.solve(self.prior + sums[:, :-1], X.T)
             S += self.deviation**2 * np.eye(r.size)

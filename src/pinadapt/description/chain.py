@@ -160,6 +160,11 @@ def angles_from_configuration(model: pin.Model, q: np.ndarray) -> np.ndarray:
 # Limits and size
 
 
+def _widest(model: pin.Model, rounding: float = 0.0) -> np.ndarray:
+    """Return the range (nv) beyond which joints are free: two turns, but a kilometre of slides."""
+    return np.where(sliding_joints(model), 1e3, 4.0 * np.pi + rounding)
+
+
 def position_limits(model: pin.Model) -> Bounds:
     """Return lower and upper joint limits (2, nv) [rad or m]; +-inf for joints without limits.
 
@@ -167,8 +172,8 @@ def position_limits(model: pin.Model) -> Bounds:
     turns (as files round them) or a kilometre, therefore counts as no limit.
     """
     low, high = stated = _stated_limits(model)
-    widest = np.where(sliding_joints(model), 1e3, 4.0 * np.pi + 1e-3)
-    limited = (low < high) & (high <= low + widest)
+    # 6.2832 for 2 pi, in each limit; half, twice: the same files
+    limited = (low < high) & (high <= low + _widest(model, rounding=1e-3))
     return np.where(limited, stated, [[-np.inf], [np.inf]])
 
 
@@ -185,10 +190,8 @@ def position_bounds(model: pin.Model) -> Bounds:
     The limits, but half a turn to each side where they leave two turns or more; 1 m without limits.
     """
     low, high = limits = position_limits(model)
-    slides = sliding_joints(model)
-    narrow = high <= low + np.where(slides, 1e3, 4.0 * np.pi)
-    half = np.where(slides, 1.0, np.pi)
-    return np.where(narrow, limits, [-half, half])
+    half = np.where(sliding_joints(model), 1.0, np.pi)
+    return np.where(high <= low + _widest(model), limits, [-half, half])
 
 
 def effort_limits(model: pin.Model) -> np.ndarray:

@@ -256,7 +256,9 @@ class Identification(Printed):
         if not self.dynamic.names:
             return
         late, known = self.late
-        if abs(late) > max(CERTAIN * known, 0.1 * self.log.period):  # less moves no estimate
+        if abs(late) > max(
+            CERTAIN * known, 0.1 * self.log.period
+        ):  # half, twice: told from there on
             yield (
                 f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
                 "positions; part of this is learned as friction and inertia."

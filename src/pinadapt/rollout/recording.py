@@ -324,7 +324,7 @@ class Recording:
 
     @property
     def distance(self) -> np.ndarray:
-        """Norm of the error in the task's first group of rows (N): position [m], joints [rad]."""
+        """Norm of the error in the task's first group of rows (N) [m or rad]."""
         return np.linalg.norm(self.error[:, self.task.groups[0].rows], axis=1)
 
     @property
@@ -338,9 +338,11 @@ class Recording:
     def extent(self) -> float:
         """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
         groups = self.task.groups
-        both = groups[0].name == "slides" and len(groups) > 1  # the motion's is of all joints
-        if not len(self.t) or (self.path_extent is not None and not both):
-            return self.path_extent or 0.0
+        stated = self.path_extent
+        if len(groups) > 1 and not self.task.lengths:  # it is of slides and turns together
+            stated = None
+        if stated is not None or not len(self.t):
+            return stated or 0.0
         x_d = self.x_d[:, groups[0].rows]
         extent = 0.5 * float(np.linalg.norm(np.ptp(x_d, axis=0)))
         return extent if extent > ROUNDING * np.abs(x_d).max(initial=0.0) else 0.0

@@ -255,7 +255,8 @@ def _error(run: Recording, numbers: Numbers) -> str:
     shown = run.task.groups[0].shown
     if error is None:
         return "nothing was measured"
-    text = f"error of the last 10 % up to {_size(error, shown)}".replace("up to <", "below")
+    size = _size(error, shown)
+    text = f"error of the last 10 % {f'below{size[1:]}' if size[0] == '<' else f'up to {size}'}"
     if (share := numbers["error_share"]) is not None:
         text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
     if (tool := numbers.get("max_tool_error_last")) is not None:

@@ -104,7 +104,7 @@ def tune(
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
     other = replace(plan, seed=plan.seed + 1, **more)
-    if len(other.cases) < 5:  # of which Wilcoxon's test finds no five alike in less than 1 of 20
+    if len(other.cases) < 5:  # 1 / 2^n, the least p of Wilcoxon's test, is below 1 / 20 from here
         raise InputError(
             f"{len(other.cases)} cases do not tell better gains from chance; five do.",
             where="validation",
