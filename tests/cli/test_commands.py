@@ -82,7 +82,7 @@ def test_summary_and_rollout_have_the_documented_keys_and_arrays(finished):
     arrays = np.load(finished / "rollout.npz")
     shapes = {
         "t": (50,),
-        "lyapunov_curve": (2, 50),
+        "lyapunov": (50,),
         "a_d": (50, 3),
         "a_d_true": (3,),
         "a_k_true": (2,),

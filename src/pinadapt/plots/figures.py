@@ -26,7 +26,7 @@ from .style import (
 def error_figure(run: Drawable) -> Picture:
     """Return the figure of the task error, by coordinate and as norm, and of V(t) where known."""
     groups = run.task.groups
-    figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
+    figure, axes = panels(2 * len(groups) + (run.lyapunov is not None))
     for k, group in enumerate(groups):
         unit, scale = group.shown
         error = scale * run.error[:, group.rows]
@@ -38,9 +38,8 @@ def error_figure(run: Drawable) -> Picture:
             f"{group.name} error [{unit}]",
         )
         _norm(axes[2 * k + 1], run, group, "norm")
-    if run.lyapunov_curve is not None:
-        t, V = run.lyapunov_curve
-        curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")
+    if run.lyapunov is not None:
+        curves(axes[-1], run.t, run.lyapunov[:, None], ["Lyapunov function"], "V")
     finish(figure, axes, run)
     return figure
 

@@ -37,7 +37,7 @@ COMPUTED = (
     "error",
     "a_k_true",
     "a_d_true",
-    "lyapunov_curve",
+    "lyapunov",
     "disturbance",
     "effort_limits",
     "min_eig_M_hat",
