@@ -377,9 +377,10 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
 # Times the deviations of a description: of the offset of an encoder. Half, twice: true errors the
 # same to 0.5 %; a third: a TIAGo's training error 0.4 % larger.
 _OFFSET = 3.0
-# A turn [rad] and a shift [reaches] of a tool, and of the base in the axes of a tracker, of which
-# nothing is known; half, twice: the same geometries.
-_ANYWHERE = (10.0, 100.0)
+# Times a tool's, which are a reach and a half turn: the deviations of the base in the axes of a
+# tracker, so that a tool stays as described where the two cannot be told apart. Half, twice: the
+# same geometries.
+_ANYWHERE = 100.0
 
 
 class _Unknown:
@@ -413,8 +414,7 @@ class _Unknown:
         for given in words:
             word(given, [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], "unknown")
         found = []
-        turn, shift = _ANYWHERE
-        vague = np.repeat([shift * robot.reach, turn], 3)
+        vague = np.repeat([robot.reach, math.pi], 3)
         for joint, name in enumerate(robot.joint_names, 1):
             axes, own = axes_of(model, joint)
             prior = np.repeat([SHIFT * robot.reach, TURN], 3)
@@ -423,7 +423,7 @@ class _Unknown:
                 axes = np.kron(np.eye(2), base.rotation @ model.jointPlacements[FIRST].rotation).T
                 own = -1
                 name = TRACKER
-                prior = vague
+                prior = _ANYWHERE * vague
             whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
             for k, label in enumerate(DISPLACEMENTS):
                 if whole or (k == own and OFFSETS in words):
