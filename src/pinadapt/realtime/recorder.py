@@ -17,6 +17,7 @@ import select
 import signal
 import socket
 import struct
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -253,6 +254,8 @@ class _LogProcess:
         self._counts = np.frombuffer(shared[1], "u8")  # of records, written and read
         self._link = link
         self._translate = translate
+        self._sending = threading.Lock()
+        self._translating = threading.Lock()
         self._read = 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
@@ -287,7 +290,9 @@ class _LogProcess:
                 self._note(said)
             self._drain()
             if self._server in ready:
-                self._answer()
+                with suppress(OSError):
+                    asked = self._server.recvfrom(1 << 16)
+                    threading.Thread(target=self._answer, args=asked).start()
         if self._writer is not None:
             self._guarded(self._writer.finish)
 
@@ -301,7 +306,7 @@ class _LogProcess:
             self._send("trouble", f"the log cannot be written: {error.strerror or error}")
 
     def _send(self, name: str, value: Any) -> None:
-        with suppress(OSError):
+        with self._sending, suppress(OSError):
             self._link.send((name, value))
 
     def _add(self, topic: str, data: bytes) -> None:
@@ -334,10 +339,9 @@ class _LogProcess:
         self._messages.append(text)
         self._add("/pinadapt/events", cdr(text))
 
-    def _answer(self) -> None:
-        """Answer one datagram."""
+    def _answer(self, said: bytes, sender: Any) -> None:
+        """Answer one datagram, in a thread of its own: what is slow to read delays no latch."""
         with suppress(OSError):
-            said, sender = self._server.recvfrom(1 << 16)
             try:
                 reply = self._reply(json.loads(said))
             except Exception as error:  # a command must not end the log
@@ -365,7 +369,8 @@ class _LogProcess:
         if name in self._translate:
             if not self._read:
                 raise InputError("the loop has not started.")
-            value = self._translate[name](value, measurement_of(row))
+            with self._translating:  # whose models are not for several threads
+                value = self._translate[name](value, measurement_of(row))
         self._send(name, value)
         return {"sent": name}
 
