@@ -118,10 +118,12 @@ def _with_tool(
     if any(part.joint is None for part in kinematics.translations):
         announced = kinematics.read(model, a_k)
         kinematics.write(model, announced)
-        if np.allclose([place.translation for place in places], tools, atol=1e-9):
+        moved = announced is not a_k  # a picture's parameters do not have the tool by itself
+        if moved and np.allclose([place.translation for place in places], tools, atol=1e-9):
             return announced
     raise ParameterError(
         f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",
         where="tool_translation",
-        hint="Adapt the whole translation of the tool: unknown=pa.Unknown(tool=True).",
+        hint="Adapt the whole translation of the tool, unknown=pa.Unknown(tool=True), and not in a "
+        "picture, which does not show it by itself.",
     )
