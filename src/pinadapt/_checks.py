@@ -289,7 +289,7 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
         raise GainError("the matrix must be symmetric.", where=name)
     array = 0.5 * (array + array.T)
     if not (scale.all() and (np.linalg.eigvalsh(array / sizes) > 0.0).all()):
-        raise GainError(f"must be positive definite, got {shown(array)}.", where=name)
+        raise GainError(f"must be positive definite, got {shown(value)}.", where=name)
     return array
 
 
