@@ -6,6 +6,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import is_physical
+from pinadapt.excitation.allowance import Shapes
 
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])
 CLOSED = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -37,19 +38,16 @@ def stl(path, triangles):
     path.write_text(f"solid s\n{body}\nendsolid s\n")
 
 
-def arm(folder, *, inertials=None, triangles=CLOSED):
+def arm(folder, *, triangles=CLOSED, **inertials):
     """Write an arm of four joints whose links have shapes, and inertials only where given."""
     text = '<robot name="bare">'
     for index, (link, shape) in enumerate(SHAPES.items()):
-        kind = "visual" if link == "fore" else "collision"
+        kind = "visual" if link == "upper" else "collision"
         body = f'<{kind}><origin xyz="0 0 0.2"/><geometry>{shape}</geometry></{kind}>'
-        text += (
-            f'<link name="{link}">{(inertials or {}).get(link, "")}{body if shape else ""}</link>'
-        )
+        text += f'<link name="{link}">{inertials.get(link, "")}{body if shape else ""}</link>'
         if link in STEPS:
             parent = list(STEPS)[index - 2] if index > 1 else "base"
-            axis = "0 0 1"
-            axis = axis if link in ("upper", "hand") else "0 1 0"
+            axis = "0 0 1" if link in ("upper", "hand") else "0 1 0"
             text += (
                 f'<joint name="to_{link}" type="revolute"><parent link="{parent}"/>'
                 f'<child link="{link}"/><origin xyz="0 0 {STEPS[link]}"/><axis xyz="{axis}"/>'
@@ -93,9 +91,10 @@ def test_the_mass_is_shared_by_volume_with_the_base_between_uniform_solids(tmp_p
     assert np.allclose(found["fore"].inertia, np.trace(about) * np.eye(3) - about)
 
 
-def test_a_flat_mesh_has_no_volume(tmp_path):
+def test_a_flat_mesh_has_no_volume_and_is_a_shape_that_motions_avoid(tmp_path):
     with pytest.warns(UserWarning, match=r"fore [^;]*, a rod or ball"):
-        pa.load(arm(tmp_path, triangles=CLOSED[:1]), frame="tip", mass=30)
+        robot = pa.load(arm(tmp_path, triangles=CLOSED[:1]), frame="tip", mass=30)
+    assert Shapes.of(robot, None, None)
 
 
 HEAVY = (
@@ -106,7 +105,7 @@ HEAVY = (
 
 @pytest.mark.filterwarnings("ignore:bare")
 def test_described_inertias_are_kept_and_counted(tmp_path):
-    robot = pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=30)
+    robot = pa.load(arm(tmp_path, upper=HEAVY), frame="tip", mass=30)
     found = bodies(robot)
     assert np.isclose(found["upper"].mass, 12.0) and np.isclose(found["upper"].inertia[2, 2], 0.1)
     density = 18 / sum(VOLUMES[link] for link in VOLUMES if link != "upper")

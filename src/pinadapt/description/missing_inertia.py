@@ -120,14 +120,19 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model:
     return model
 
 
+def convex_hull(mesh: coal.BVHModelBase) -> coal.CollisionGeometry | None:
+    """Return the convex hull of a mesh; None where it is flat, for which coal ends the process."""
+    vertices = np.asarray(mesh.vertices())
+    if np.linalg.matrix_rank(vertices - vertices.mean(axis=0), rtol=1e-6) < 3:
+        return None
+    mesh.buildConvexHull(True, "Qt")
+    return mesh.convex
+
+
 def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     """Return a shape, a mesh as its convex hull, as a solid of 1 kg/m^3; None without volume."""
     if isinstance(shape, coal.BVHModelBase):
-        vertices = np.asarray(shape.vertices())
-        if np.linalg.matrix_rank(vertices - vertices.mean(axis=0), rtol=1e-6) < 3:
-            return None  # coal ends the process where a mesh is flat
-        shape.buildConvexHull(True, "Qt")
-        shape = shape.convex
+        shape = convex_hull(shape)
     volume = 0.0 if shape is None else shape.computeVolume()
     if not 0.0 < volume < np.inf:
         return None

@@ -19,6 +19,7 @@ from ..description.chain import (
     position_limits,
     velocity_limits,
 )
+from ..description.missing_inertia import convex_hull
 from ..description.urdf import read_xml
 from ..exceptions import RobotError
 from ..robot.changes import Payload
@@ -134,14 +135,13 @@ def _convex(geometry: pin.GeometryModel) -> pin.GeometryModel:
         mesh = shape.geometry
         if not isinstance(mesh, coal.BVHModelBase):
             continue
-        try:
-            mesh.buildConvexHull(True, "Qt")
-            shape.geometry = mesh.convex
-        except RuntimeError:  # of qhull
+        hull = convex_hull(mesh)
+        if hull is None:
             mesh.computeLocalAABB()
             box = mesh.aabb_local
-            shape.geometry = coal.Box(box.width(), box.height(), box.depth())
+            hull = coal.Box(box.width(), box.height(), box.depth())
             shape.placement = shape.placement * pin.SE3(np.eye(3), box.center())
+        shape.geometry = hull
     return geometry
 
 
