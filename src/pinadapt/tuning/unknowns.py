@@ -35,7 +35,8 @@ from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
-_FLAGS = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
+_PLACED = (BASE, TRACKER, GEOMETRY)  # before the translations
+_FLAGS = (TOOL, *_PLACED, LENGTHS, "friction", "armature")
 WORDS = (*_FLAGS, "bodies", PAYLOAD, *EFFECTS)
 _FRICTION = ("viscous", "coulomb")
 
@@ -102,7 +103,7 @@ class Unknown:
 
     def __post_init__(self) -> None:
         """Refuse values of the wrong kind."""
-        for name in ("base", "tracker", "geometry"):
+        for name in _PLACED:
             flag(getattr(self, name), f"unknown.{name}")
         for name in ("tool", "armature"):
             instance(getattr(self, name), bool | None, f"unknown.{name}")
@@ -180,9 +181,9 @@ class Unknown:
 
         ``tool`` says whether the tool is unknown where ``self.tool`` is None.
         """
-        words: list[str | Translation] = list(self.translations)
-        if self.base and BASE not in words:
-            words.insert(0, BASE)
+        given = self.translations
+        flags = [name for name in _PLACED if getattr(self, name) and name not in given]
+        words: list[str | Translation] = [*flags, *given]
         if self.lengths is True:
             words.append(LENGTHS)
         elif self.lengths is not False:
@@ -208,15 +209,13 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     """
     if isinstance(robot.task, JointTask | ComTask):
         known = JointKinematics if isinstance(robot.task, JointTask) else ComKinematics
-        placed = [GEOMETRY] * unknown.geometry + [TRACKER] * unknown.tracker
-        return known(robot, placed + unknown.translation_words(tool=False))
+        return known(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=not robot.constraints)
-    kinematics: TaskKinematics
-    geometry = unknown.geometry or GEOMETRY in words
-    tracked = unknown.tracker or TRACKER in words
     if robot.task.frames:
-        return FrameKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
-    others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
+        return FrameKinematics(robot, words)
+    kinematics: TaskKinematics
+    geometry, tracked = (name in words for name in (GEOMETRY, TRACKER))
+    others = [word for word in words if word not in _PLACED]
     filmed = isinstance(robot.task, ImageTask)
     if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
         raise ParameterError(
