@@ -259,9 +259,8 @@ class Friction:
         """Check the coefficients.
 
         Raises:
-            RobotError: negative coefficients, different sizes, or a speed that is not positive.
+            RobotError: negative coefficients, or a speed that is not positive.
         """
-        arrays = {}
         for name in COEFFICIENTS:
             value = getattr(self, name)
             where = f"friction.{name}"
@@ -274,14 +273,7 @@ class Friction:
             if array.ndim > 1:
                 raise RobotError("expected one number for each joint.", where=where)
             if not isinstance(value, Mapping):
-                arrays[name] = array
-        try:
-            filled = np.broadcast_arrays(*arrays.values())
-        except ValueError as reason:
-            sizes = {name: array.size for name, array in arrays.items() if array.ndim}
-            raise RobotError(f"numbers of joints differ: {sizes}.", where="friction") from reason
-        for name, array in zip(arrays, filled, strict=True):
-            object.__setattr__(self, name, array.copy())
+                object.__setattr__(self, name, array)
         for shaft in instance(self.shafts, list | tuple, "friction.shafts", RobotError):
             instance(shaft, Shaft, "friction.shafts", RobotError)
 
