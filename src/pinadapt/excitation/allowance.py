@@ -24,8 +24,9 @@ from ..description.urdf import read_xml
 from ..exceptions import RobotError
 from ..robot.changes import Payload
 from ..robot.home import MARGIN, MountingPlane
+from ..robot.motors import Gravity, overloaded
 from ..robot.robot import LOAD, Robot
-from ..robot.workspace import SHARE, margins
+from ..robot.workspace import SHARE, range_within_limits
 
 # [rad/s, m/s] even if a description allows more; half: 78, 88 and 27 nat of information of a UR5, a
 # Panda and a SCARA in place of 90, 97 and 30; twice: 87, 97 and 31
@@ -206,28 +207,23 @@ class Allowance:
         self.low, self.high = _range(robot, reach)
         fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
         self.speed = np.minimum(SHARE * velocity_limits(model), fastest)
-        self.effort = effort = SHARE * effort_limits(model)
-        held, with_one = (
-            pin.computeGeneralizedGravity(one, one.createData(), robot.q0)
-            for one in (model, robot.changed(payload=Payload(1.0)).model)
-        )
-        each = with_one - held  # [N m or N] for a kilogram
+        self.effort = SHARE * effort_limits(model)
         if load is None:
-            room = (effort - np.abs(held)) / np.maximum(np.abs(each), np.finfo(float).eps)
+            held, with_one = (
+                Gravity(one)(robot.q0) for one in (robot, robot.changed(payload=Payload(1.0)))
+            )
+            each = np.maximum(np.abs(with_one - held), np.finfo(float).eps)  # [N m or N] a kilogram
+            room = (self.effort - np.abs(held)) / each
             load = max(min(LOAD * robot.mass, 0.5 * room.min()), 0.0)
         self.load = mass = positive(load, "load", zero=True)
-        self.loaded = robot.changed(payload=Payload(mass)).model if mass else model
-        needed = np.maximum(np.abs(held), np.abs(held + mass * each))
-        if (needed >= effort).any():
-            j = np.argmax(needed / effort)
-            raise RobotError(
-                f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
-                f"{effort[j]:.3g} N m or N that a motion may use ({SHARE:.0%} of its limit), with "
-                f"a load of {mass:.3g} kg.",
-                where=robot.name,
-                hint="State a lighter load, take another home pose, or correct the limits of the "
-                "description.",
-            )
+        loaded = robot.changed(payload=Payload(mass))
+        self.loaded = loaded.model
+        words = f"the robot, with a load of {mass:.3g} kg or none, by {SHARE:.0%} of their efforts,"
+        for one in (robot, loaded):
+            if weak := overloaded(one, self.effort, words):
+                raise RobotError(
+                    weak, where=robot.name, hint="Or correct the efforts of the description."
+                )
         plane = MountingPlane.of(model, robot.frame_id, robot.q0)
         if floor is not None and shapes is None:
             plane = replace(plane, level=max(plane.level, floor), side=1.0)
@@ -281,7 +277,4 @@ def _range(robot: Robot, reach: np.ndarray) -> np.ndarray:
             where="q0",
             hint="Take another home pose, Robot.at or robot.q0.",
         )
-    margin = margins(lower, upper)
-    low = lower + np.minimum(margin, 0.5 * (home - lower))
-    high = upper - np.minimum(margin, 0.5 * (upper - home))
-    return np.clip([low, high], home - reach, home + reach)
+    return np.clip(range_within_limits(robot), home - reach, home + reach)

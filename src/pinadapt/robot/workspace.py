@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from .._checks import arithmetic, instance
 from ..description.chain import (
+    Bounds,
     angles_from_configuration,
     configuration_from_angles,
     effort_limits,
@@ -229,13 +230,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, float] | No
     task = robot.task
     q = robot.q0
     assert isinstance(task, FrameTask)
-    home = robot.home_angles
     count = len(robot.frames)
     arms = task.per_row(1.0, robot.reach)  # [m/rad]
-    lower, upper = position_limits(model)
-    margin = margins(lower, upper)
-    low = lower + np.clip((home - lower) / 2, 0.0, margin)
-    high = upper - np.clip((upper - home) / 2, 0.0, margin)
+    low, high = range_within_limits(robot)
     constraints = tool.constrained
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
@@ -288,6 +285,17 @@ def _balanced(robot: Robot, constraints: Constraints, q: np.ndarray) -> bool:
     at = middle + (pin.centerOfMass(robot.model, constraints.data, q)[:2] - middle) / _BALANCE
     _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))
     return bool(off < 1e-9)  # a convex combination, but for rounding
+
+
+def range_within_limits(robot: Robot) -> Bounds:
+    """Return a range of the joints (2, nv) [rad or m] with a margin to their limits.
+
+    Where home is closer to a limit than two margins, it is half of that.
+    """
+    limits = position_limits(robot.model)
+    inward = np.array([[1.0], [-1.0]])
+    room = inward * (robot.home_angles - limits)
+    return limits + inward * np.clip(room / 2, 0.0, margins(*limits))
 
 
 def margins(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
