@@ -43,6 +43,7 @@ from ..logs.import_options import Options
 from ..logs.log import Log
 from ..models.excited import rms
 from ..models.linear_kinematics import DISPLACEMENTS, SHIFT, TURN, axes_of
+from ..models.projected_kinematics import nearest_rotation
 from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
@@ -354,9 +355,10 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
             where=where,
             hint="Move every joint, such that the frame goes all over the workspace.",
         )
-    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, U @ V))
+    both = (x - x.mean(axis=0)).T @ (p - p.mean(axis=0))
+    R = nearest_rotation(both)
+    mirror = -nearest_rotation(-both)
+    straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, mirror))
     check_size(x, motion)
     if mirrored < 0.5 * turned:
         raise left_handed()
