@@ -34,6 +34,7 @@ from .._checks import (
 )
 from .._output import read_toml
 from ..exceptions import InputError, LogError
+from ..robot.changes import per_joint
 from ..robot.robot import Robot
 from .log import NAMES, SIGNALS, Log, joint_order
 
@@ -177,7 +178,7 @@ class ImportOptions:
             )
         scale = np.where(self.degrees & ~robot.sliding, math.pi / 180.0, 1.0)
         A = signs["q"][:, None] * np.linalg.inv(G) * scale
-        offset = _per_joint(self.offset, names, "offset", 0.0)
+        offset = per_joint(self.offset, names, "import_options.offset", 0.0)
         log = replace(log, tau=_mapped(signs["tau"][:, None] * (G.T @ K), log.tau))
         if np.array_equal(A, np.eye(n)) and not offset.any():
             return log
@@ -244,23 +245,14 @@ def place_beside(log: Path | str) -> Path:
     return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
 
 
-def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np.ndarray:
-    """Return one number for each joint (n); None: the default."""
-    where = f"import_options.{key}"
-    if isinstance(given, Mapping):
-        for name in given:
-            word(name, names, where)
-        given = [given.get(name, default) for name in names]
-    return vector(default if given is None else given, len(names), where, names=names)
-
-
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
     """Return gains or gears as a matrix (n, n); None: one."""
+    where = f"import_options.{key}"
     if given is not None and not isinstance(given, Mapping):
-        whole = numbers(given, f"import_options.{key}")
+        whole = numbers(given, where)
         if whole.shape == (len(names), len(names)):
             return whole
-    return np.diag(_per_joint(given, names, key, 1.0))
+    return np.diag(per_joint(given, names, where, 1.0))
 
 
 def _mapped(A: np.ndarray, part: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from .._checks import (
     whole,
     word,
 )
-from ..exceptions import RobotError
+from ..exceptions import InputError, RobotError
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,33 @@ def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ())
     names = list(model.names[1:])
     allowed = names if name in words else [*names, *words]
     return names.index(word(name, allowed, where)) + 1
+
+
+def per_joint(
+    given: Any,
+    names: Sequence[str],
+    where: str,
+    default: float,
+    error: type[InputError] = InputError,
+) -> np.ndarray:
+    """Return one number for each joint (n), given so, one for all, or by some of their names.
+
+    Args:
+        given: numbers; None: the default.
+        names: of the joints.
+        where: the argument that is checked, for the message.
+        default: of the joints that are not named.
+        error: of a number that cannot be used.
+
+    Raises:
+        InputError: unknown joint.
+        error: as ``vector``.
+    """
+    if isinstance(given, Mapping):
+        for name in given:
+            word(name, names, where)
+        given = [given.get(name, default) for name in names]
+    return vector(default if given is None else given, len(names), where, names=names, error=error)
 
 
 def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None:
@@ -284,16 +311,12 @@ class Friction:
             RobotError: another number of joints, or unknown names.
         """
         names = list(model.names[1:])
-        given = {}
-        for name in COEFFICIENTS:
-            value = getattr(self, name)
-            where = f"friction.{name}"
-            if isinstance(value, Mapping):
-                given[name] = np.full(model.nv, getattr(Friction, name), dtype=float)
-                for joint, number in value.items():
-                    given[name][joint_id(model, joint, where) - 1] = number
-            else:
-                given[name] = vector(value, model.nv, where, names=names, error=RobotError)
+        given = {
+            name: per_joint(
+                getattr(self, name), names, f"friction.{name}", getattr(Friction, name), RobotError
+            )
+            for name in COEFFICIENTS
+        }
         return replace(self, **given, shafts=tuple(each.of(model) for each in self.shafts))
 
     @cached_property
