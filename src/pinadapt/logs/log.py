@@ -113,12 +113,6 @@ class Log:
         """
         names = robot.joint_names
         log = self
-        for name, part in self.signals().items():
-            if self.joints and name != "q" and part.shape[1] != len(self.joints):
-                raise LogError(
-                    f"{part.shape[1]} columns of the joints {list(self.joints)}.",
-                    where=self._at(name),
-                )
         if self.joints and list(self.joints) != names:
             log = self.ordered(joint_order(self.joints, names, self.source))
             log = replace(log, joints=tuple(names))
@@ -143,7 +137,17 @@ class Log:
         return np.isfinite(np.hstack(list(self.signals().values()))).all(axis=1)
 
     def ordered(self, order: Sequence[int], signals: Sequence[str] = SIGNALS) -> Log:
-        """Return the log with the columns of some signals in another order."""
+        """Return the log with the columns of some signals in another order.
+
+        Raises:
+            LogError: not a column for each named joint.
+        """
+        for name, part in self.signals().items():
+            if self.joints and name != "q" and part.shape[1] != len(self.joints):
+                raise LogError(
+                    f"{part.shape[1]} columns of the joints {list(self.joints)}.",
+                    where=self._at(name),
+                )
         return replace(
             self,
             **{name: part[:, order] for name, part in self.signals().items() if name in signals},
