@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -287,8 +287,7 @@ class LinearisedJoints:
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
         at_states = [_actuated(each, each - np.diag(rotors), motor, own) for each in M]
         self._A, self._B, motors = map(np.array, zip(*at_states, strict=True))
-        self._moved = self._A  # transitions over the last period asked for
-        self._period = math.nan
+        self._held = lru_cache(maxsize=1)(self._transitions)  # of the last period asked for
         at_links = actuators.elastic and actuators.encoders == "link"
         self._C = np.roll(motors, -len(rotors), axis=2) if at_links else motors
         fast = np.zeros(len(rotors)) if K_f is None else _MARGIN * K_f
@@ -319,7 +318,7 @@ class LinearisedJoints:
         one = np.broadcast_to(np.eye(S.shape[-1]), S.shape)
         return _median_radius(np.block([[damped, Gamma], [-dt * S @ self._C, one]]))
 
-    def _held(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _transitions(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the transitions over dt [s] under a held torque, of the states and displacements.
 
         They are (N, k + n, k + n) and (N, k + n, n), k the number of states.
@@ -327,14 +326,11 @@ class LinearisedJoints:
         from scipy.linalg import expm  # here, because scipy is slow to import
 
         N, n, k = self._C.shape
-        if dt != self._period:
-            system = np.zeros((N, k + 2 * n, k + 2 * n))
-            system[:, :k, :k] = self._A
-            system[:, k : k + n, :k] = self._C
-            system[:, :k, k + n :] = self._B
-            self._moved = expm(dt * system)
-            self._period = dt
-        moved = self._moved[:, : k + n]
+        system = np.zeros((N, k + 2 * n, k + 2 * n))
+        system[:, :k, :k] = self._A
+        system[:, k : k + n, :k] = self._C
+        system[:, :k, k + n :] = self._B
+        moved = expm(dt * system)[:, : k + n]
         return moved[..., : k + n], moved[..., k + n :]
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
