@@ -34,8 +34,8 @@ def beside_home(robot, by=0.02):
     """Return a set point a little off home, turned for a pose."""
     x = robot.position(robot.q0)
     if isinstance(robot.task, pa.tasks.PoseTask):
-        turned = pa.trajectories.FixedOrientation(x[3:]).shifted(np.array([0.1, -0.2, 0.05]))
-        return pa.trajectories.PoseTrajectory(pa.trajectories.Hold(x[:3] + by), turned)
+        here = pa.trajectories.PoseTrajectory(pa.trajectories.Hold(x[:3]), x[3:])
+        return here.shifted([by, by, by, 0.1, -0.2, 0.05])
     return pa.trajectories.Hold(x + by)
 
 

@@ -9,7 +9,6 @@ from .periodic import Circle as Circle
 from .periodic import FourierSeries as FourierSeries
 from .periodic import Lissajous as Lissajous
 from .periodic import Sinusoid as Sinusoid
-from .pose import FixedOrientation as FixedOrientation
 from .pose import PoseCircle as PoseCircle
 from .pose import PoseTrajectory as PoseTrajectory
 from .pose import Swing as Swing

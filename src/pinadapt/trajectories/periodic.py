@@ -70,37 +70,6 @@ class _Harmonic(Trajectory):
         return Desired(x[0], x[1], x[2])
 
 
-class _Sines(_Harmonic):
-    """x_d,i = center_i + amplitude_i sin(w_i t + phase_i).
-
-    Attributes:
-        center, amplitude: (m) [m or rad].
-    """
-
-    def _take_sines(
-        self,
-        center: ArrayLike | None,
-        sines: dict[str, Any],
-    ) -> None:
-        """Take centre and, by name, amplitude, period, phase and cycles, each (m) or one for all.
-
-        Raises:
-            InputError: lists of different sizes, numbers that are not finite, or periods that are
-                not positive.
-        """
-        named = sines if center is None else {"center": center, **sines}
-        size = max(vector(part, None, f"trajectory.{name}").size for name, part in named.items())
-        parts = {name: vector(part, size, f"trajectory.{name}") for name, part in named.items()}
-        for each in parts["period"]:
-            positive(each, "trajectory.period", error=InputError)
-        w = 2.0 * math.pi * parts.get("cycles", 1.0) / parts["period"]
-        A = parts["amplitude"]
-        self.amplitude = A
-        self.extent = float(np.linalg.norm(A))
-        c = np.diag(-1j * A * np.exp(1j * parts["phase"]))
-        self._take(parts.get("center"), w, c, sines)
-
-
 class Circle(_Harmonic):
     """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
 
@@ -145,33 +114,15 @@ class Circle(_Harmonic):
         self.extent = self.radius
 
 
-class Lissajous(_Sines):
-    """x_d,i = center_i + amplitude_i sin(2 pi n_i t / period + phase_i): n_i cycles a period."""
-
-    def __init__(
-        self,
-        center: ArrayLike | None = None,
-        amplitude: ArrayLike = 0.1,
-        cycles: ArrayLike = 1.0,
-        period: float = 6.0,
-        phase: ArrayLike = 0.0,
-    ) -> None:
-        """Take centre, amplitudes [m or rad], cycles n, phases [rad], each (m), and period [s].
-
-        A number applies to all coordinates; without a centre the motion begins where the robot is.
-
-        Raises:
-            InputError: different sizes, numbers that are not finite, or a period not positive.
-        """
-        sines = {"amplitude": amplitude, "cycles": cycles, "period": period, "phase": phase}
-        self._take_sines(center, sines)
-
-
-class Sinusoid(_Sines):
-    """x_d,i = center_i + amplitude_i sin(2 pi t / period_i + phase_i).
+class Sinusoid(_Harmonic):
+    """x_d,i = center_i + amplitude_i sin(2 pi n_i t / period_i + phase_i).
 
     With the default phase it starts at rest at center - amplitude. Made for joint references, and
     usable for any coordinates.
+
+    Attributes:
+        center, amplitude: (m) [m or rad].
+        period: (m) [s].
     """
 
     def __init__(
@@ -180,20 +131,53 @@ class Sinusoid(_Sines):
         amplitude: ArrayLike = 0.1,
         period: ArrayLike = 3.0,
         phase: ArrayLike = -math.pi / 2.0,
+        cycles: ArrayLike = 1.0,
     ) -> None:
-        """Take centres, amplitudes, periods and phases, each (m) or one number for all.
+        """Take centres, amplitudes, periods, phases and cycles, each (m) or one number for all.
 
         Args:
             center: [rad or m]; None: the motion begins where the robot is.
             amplitude: [rad or m], of either sign.
             period: [s].
             phase: [rad].
+            cycles: n in a period.
 
         Raises:
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
-        self._take_sines(center, {"amplitude": amplitude, "period": period, "phase": phase})
-        self.period = vector(period, self.amplitude.size, "trajectory.period")
+        given = {"amplitude": amplitude, "period": period, "phase": phase, "cycles": cycles}
+        named = given if center is None else {"center": center, **given}
+        size = max(vector(part, None, f"trajectory.{name}").size for name, part in named.items())
+        parts = {name: vector(part, size, f"trajectory.{name}") for name, part in named.items()}
+        for each in parts["period"]:
+            positive(each, "trajectory.period", error=InputError)
+        self.amplitude = A = parts["amplitude"]
+        self.period = parts["period"]
+        self.extent = float(np.linalg.norm(A))
+        w = 2.0 * math.pi * parts["cycles"] / self.period
+        c = np.diag(-1j * A * np.exp(1j * parts["phase"]))
+        self._take(parts.get("center"), w, c, given)
+
+
+class Lissajous(Sinusoid):
+    """x_d,i = center_i + amplitude_i sin(2 pi n_i t / period + phase_i): n_i cycles a period."""
+
+    def __init__(
+        self,
+        center: ArrayLike | None = None,
+        amplitude: ArrayLike = 0.1,
+        cycles: ArrayLike = 1.0,
+        period: ArrayLike = 6.0,
+        phase: ArrayLike = 0.0,
+    ) -> None:
+        """Take centre, amplitudes [m or rad], cycles n, phases [rad], each (m), and period [s].
+
+        A number applies to all coordinates; without a centre the motion begins where the robot is.
+
+        Raises:
+            InputError: as ``Sinusoid``.
+        """
+        super().__init__(center, amplitude, period, phase, cycles)
 
 
 class FourierSeries(_Harmonic):

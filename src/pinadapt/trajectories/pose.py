@@ -21,24 +21,6 @@ from .trajectory import Hold, Trajectory
 UPRIGHT = tuple(pin.Quaternion.Identity().coeffs().tolist())
 
 
-class FixedOrientation(Hold):
-    """One orientation, held.
-
-    Attributes:
-        quaternion: xyzw (4).
-    """
-
-    def __init__(self, quaternion: ArrayLike = UPRIGHT) -> None:
-        """Take the unit quaternion xyzw (4).
-
-        Raises:
-            InputError: not a unit quaternion.
-        """
-        self.quaternion = unit_quaternion(quaternion, "orientation.quaternion")
-        super().__init__(self.quaternion)
-        self._rest = np.zeros(3)
-
-
 class Swing(Trajectory):
     """R_d = R_0 exp(axis amplitude sin(w t + phase)), w = 2 pi / period, axis fixed in the tool.
 
@@ -107,8 +89,7 @@ class PoseTrajectory(Trajectory):
 
         Args:
             position: whatever ``as_trajectory`` takes, of three coordinates [m].
-            orientation: a quaternion xyzw (4) to hold, None for that of the start;
-                ``FixedOrientation``, ``Swing``; or
+            orientation: a quaternion xyzw (4) to hold, None for that of the start; ``Swing``; or
                 whatever ``as_trajectory`` takes, with quaternions as positions, and angular
                 velocities [rad/s] and accelerations [rad/s^2] (3) in world axes.
 
@@ -226,7 +207,7 @@ def _orientation(given: Any) -> Trajectory:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
     if isinstance(given, list | tuple | np.ndarray) and np.ndim(given) == 1:
-        return FixedOrientation(given)
+        return Hold(unit_quaternion(given, "orientation.quaternion")).with_rows(3)
     motion = converted(given, rotation_between, quaternion=True)
     start = as_trajectory(motion).at(0.0)
     unit_quaternion(start.x_d, "orientation")
