@@ -63,7 +63,7 @@ _SHARED = {
     "tell": "drive",
     "view": "run",
     "cite": "run",
-    "demo": "compare",
+    "demo": "run",
     "calibrate": "identify",
     "robots": "command_line",
 }

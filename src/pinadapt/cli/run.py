@@ -1,4 +1,4 @@
-"""``pinadapt run``, ``view`` and ``cite``: what is done with one scenario, and a run's files."""
+"""``pinadapt run``, ``demo``, ``view`` and ``cite``: single scenarios, and the files of a run."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from pathlib import Path
 
 from .._output import check_writable, one_run
 from ..citation import citation
+from ..description.catalogue import robots_folder
 from ..exceptions import InputError
 from ..information.payload import PayloadEstimate
 from ..rollout.rollout import Rollout
 from ..rollout.summary import report_of
-from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
+from ..scenario.comparison import run_beside, run_scenario, unadapted
 from ..scenario.scenario import Scenario
-from .command_line import Exit, add_out, add_scenario, add_settings
+from .command_line import Exit, add_out, add_scenario, add_settings, out_folder
 
 RUN_FILES = (
     "rollout.npz",
@@ -26,6 +27,11 @@ RUN_FILES = (
     "learned.urdf",
     "summary.json",
 )
+# of ``demo``: folder and scenario file
+SHOWCASE = {
+    "planar": "planar_2r/wang_xie_2009.toml",
+    "panda": "panda/tool_and_load.toml",
+}
 
 
 def run_arguments(parser: ArgumentParser) -> None:
@@ -49,7 +55,7 @@ def run(options: Namespace) -> int:
     return run_into(
         options.out or Path("out") / path.stem,
         Scenario.read(path, options.set),
-        Scenario.read(path, [*options.set, NOT_ADAPTED]) if options.unadapted else None,
+        unadapted(path, options.set) if options.unadapted else None,
         html=not options.no_html,
         live=options.live,
     )
@@ -79,11 +85,11 @@ def run_into(
     return status_of(rollout)
 
 
-def status_of(*rollouts: Rollout) -> int:
-    """Return the exit status of a command that ran these rollouts, of which one at least."""
-    if rollouts[-1].interrupted is not None:
+def status_of(rollout: Rollout) -> int:
+    """Return the exit status of a command that ran a rollout."""
+    if rollout.interrupted is not None:
         return Exit.INTERRUPTED
-    return Exit.DONE if all(rollout.diverged is None for rollout in rollouts) else Exit.DIVERGED
+    return Exit.DONE if rollout.diverged is None else Exit.DIVERGED
 
 
 def _load(rollout: Rollout) -> PayloadEstimate | None:
@@ -95,6 +101,22 @@ def _load(rollout: Rollout) -> PayloadEstimate | None:
     except InputError:  # other parameters than those of the last body, or no sample
         return None
     return found if found.mass_known_to < abs(found.mass) else None
+
+
+def demo_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of ``demo``."""
+    add_out(parser, "out/demo")
+
+
+def demo(options: Namespace) -> int:
+    """Run the showcases with and without adaptation, up to one that does not reach its end."""
+    out = out_folder(options, "demo", [])
+    for name, file in SHOWCASE.items():
+        path = robots_folder() / file
+        status = run_into(out / name, Scenario.read(path), unadapted(path))
+        if status != Exit.DONE:
+            return status
+    return Exit.DONE
 
 
 def view_arguments(parser: ArgumentParser) -> None:

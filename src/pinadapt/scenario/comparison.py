@@ -19,8 +19,6 @@ from ..rollout.rollout import Rollout
 from ..tasks.task import DISPLAYS, JointTask
 from .scenario import Scenario
 
-NOT_ADAPTED = 'controller.adaptation="none"'
-
 
 def compare(
     scenario: Path | str,
@@ -55,6 +53,13 @@ def under_laws(
         return {
             law: Scenario.read(scenario, [*settings, f'controller.law="{law}"']) for law in laws
         }
+
+
+def unadapted(scenario: Path | str, settings: Sequence[str] = ()) -> Scenario:
+    """Return the scenario of a file without adaptation."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # those of the adaptation
+        return Scenario.read(scenario, [*settings, 'controller.adaptation="none"'])
 
 
 def laws_for(scenario: Scenario) -> list[str]:
