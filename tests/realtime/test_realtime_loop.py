@@ -100,13 +100,13 @@ def test_a_refused_motion_or_load_leaves_those_before():
     loop.ended()
     loop = loop.loop
     loop._halted = True
-    begin = loop._begin
+    path = loop._path
     with pytest.raises(pa.InputError, match="reference: expected a Trajectory"):
         loop._command("reference", {"kind": "circle"})
     before = loop._state
     with pytest.raises(pa.InputError, match="load: the motors cannot hold"):
         loop._command("load", {"mass": 1500.0})  # grams
-    assert loop._begin == begin and loop._state is before
+    assert loop._path is path and loop._state is before
 
 
 def test_a_loop_runs_once_and_a_motion_that_fails_damps_the_arm():

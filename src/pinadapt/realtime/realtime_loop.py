@@ -215,7 +215,7 @@ class RealtimeLoop:
         self._given: np.ndarray | None = None
         self._state: ControllerState  # from the first cycle on
         self._path: Trajectory = Hold()
-        self._begin = self._started = self._t = 0.0  # of the path, of the run, now
+        self._started = self._t = 0.0  # of the run, and now
         self._phase = Phase.STARTING
         self._quiet = 0.0
         self._halted = False  # by a command, which another one takes back
@@ -300,7 +300,7 @@ class RealtimeLoop:
         m = self._read()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
-        self._begin = self._started = self._t = m.t
+        self._started = self._t = m.t
         self._controller = controller = controller.resting_at(m.q)
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
@@ -466,7 +466,7 @@ class RealtimeLoop:
         adapting = self._adapting and self._settled_for > _SETTLED and self._phase is Phase.RUNNING
         state = self._state.adapt(adapting).gave(self._given)
         try:
-            desired = controller.desired(state, self._path, m.t - self._begin)
+            desired = controller.desired(state, self._path, m.t - self._started)
             torque, after = controller.step(state, m, desired, self._period)
         except Exception as error:  # a motion of the user's own may raise anything
             self._state = state
@@ -560,7 +560,7 @@ class RealtimeLoop:
     def _now(self) -> float:
         """The time of the path, less what the governor has it wait [s]."""
         path = self._state.path
-        return self._t - self._begin - (0.0 if path is None else path.lag)
+        return self._t - self._started - (0.0 if path is None else path.lag)
 
     def _note(self, words: str) -> None:
         self.result.notes.append(words)
@@ -636,7 +636,6 @@ class RealtimeLoop:
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             instance(value, Trajectory, name)
-            self._begin = self._t
             self._go(value, 0.0, f"new reference, {value!r}")
         else:
             held = ", or before `hold`" if name == "reference" else ""

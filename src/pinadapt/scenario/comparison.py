@@ -76,7 +76,7 @@ def laws_for(scenario: Scenario) -> list[str]:
 def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
     """Return the rollout of a scenario; if it is interrupted, the part that was simulated."""
     try:
-        return scenario.run(view=live)
+        return scenario.run("live" if live else None)
     except Interrupted as stop:
         print(f"pinadapt: {stop}; the outputs end there.", file=sys.stderr)
         return stop.rollout

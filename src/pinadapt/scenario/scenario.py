@@ -162,8 +162,8 @@ class Scenario:
         """Return the warnings of the pre-run check of period, sensors and motors."""
         return findings(self.true, self.controller, self.engine, self.sensors)
 
-    def run(self, progress: Progress | bool | None = None, *, view: bool = False) -> Rollout:
-        """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
+    def run(self, progress: Progress | bool | str | None = None) -> Rollout:
+        """Run the closed loop, with ``progress`` as in ``simulate``.
 
         Raises:
             InputError: robot, controller, motion, engine and initial estimates do not match.
@@ -186,7 +186,7 @@ class Scenario:
                     seed=self.seed,
                     record_every=self.record_every,
                     title=self.title,
-                    progress="live" if view else progress,
+                    progress=progress,
                 )
         except MeasurementError as error:  # of the first sample
             raise ScenarioError(f"{error}", where="robot.q0") from error

@@ -40,14 +40,14 @@ class Engine:
         ideal_acceleration: give the law the plant's own acceleration in place of the filtered one,
             for checking theory.
         torque_limits: whether the motors clip at the true robot's effort limits; limits of zero or
-            infinity are none. None: they do, but not with the ideal acceleration, which is that of
-            the unclipped torque: there the controller's own limits are left out too. A controller
+            infinity are none. They never do with the ideal acceleration, which is that of the
+            unclipped torque: there the controller's own limits are left out too. A controller
             without limits is given these, so that its adaptation rests while they clip.
         actuators: of the true robot: late motors, elastic joints; None: ideal ones. What the
             controller knows of them is its own, ``Limits(actuators=...)``.
 
     Raises:
-        InputError: unknown name, invalid values, or values that exclude each other.
+        InputError: unknown name or invalid values.
     """
 
     plant: str | MujocoFile | PlantMaker = "pinocchio"
@@ -55,7 +55,7 @@ class Engine:
     substeps: int | None = None
     continuous: bool = False
     ideal_acceleration: bool = False
-    torque_limits: bool | None = None
+    torque_limits: bool = True
     actuators: Actuators | None = None
 
     def __post_init__(self) -> None:
@@ -66,14 +66,7 @@ class Engine:
             positive(self.dt, "engine.dt")
         if self.substeps is not None:
             whole(self.substeps, "engine.substeps", 1)
-        take_checked(self, flag, "engine.", "continuous", "ideal_acceleration")
-        if self.torque_limits is not None:
-            flag(self.torque_limits, "engine.torque_limits")
-        if self.ideal_acceleration and self.torque_limits:
-            raise InputError(
-                "is that of a torque that is not clipped; leave out torque_limits.",
-                where="engine.ideal_acceleration",
-            )
+        take_checked(self, flag, "engine.", "continuous", "ideal_acceleration", "torque_limits")
 
     @classmethod
     def of(cls, given: Engine | str | MujocoFile | PlantMaker | Actuators) -> Engine:
@@ -94,9 +87,7 @@ class Engine:
 
     def motors(self, true: Robot) -> np.ndarray | None:
         """Return the torque limits (n) of the true robot's motors [N m or N], or None."""
-        if self.ideal_acceleration:
-            return None
-        return limits_of(true, self.torque_limits is not False)
+        return limits_of(true, self.torque_limits and not self.ideal_acceleration)
 
     def make(self, true: Robot, controller: Controller) -> SimulatedPlant:
         """Return the plant of a true robot.
