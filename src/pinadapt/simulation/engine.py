@@ -37,8 +37,8 @@ class Engine:
         substeps: integration steps per period; None: as many as the plant needs.
         continuous: integrate plant, estimates and filters as one ordinary differential equation, by
             Runge-Kutta 4; Pinocchio only, and with perfect sensors.
-        ideal_acceleration: give the law the plant's own acceleration in place of the filtered one,
-            for checking theory.
+        ideal_acceleration: if continuous: give the law the plant's own acceleration in place of the
+            filtered one, for checking theory.
         torque_limits: whether the motors clip at the true robot's effort limits; limits of zero or
             infinity are none. They never do with the ideal acceleration, which is that of the
             unclipped torque: there the controller's own limits are left out too. A controller
@@ -47,7 +47,7 @@ class Engine:
             controller knows of them is its own, ``Limits(actuators=...)``.
 
     Raises:
-        InputError: unknown name or invalid values.
+        InputError: unknown name, invalid values, or an ideal acceleration without ``continuous``.
     """
 
     plant: str | MujocoFile | PlantMaker = "pinocchio"
@@ -67,6 +67,8 @@ class Engine:
         if self.substeps is not None:
             whole(self.substeps, "engine.substeps", 1)
         take_checked(self, flag, "engine.", "continuous", "ideal_acceleration", "torque_limits")
+        if self.ideal_acceleration and not self.continuous:
+            raise InputError("exists in continuous mode only.", where="engine.ideal_acceleration")
 
     @classmethod
     def of(cls, given: Engine | str | MujocoFile | PlantMaker | Actuators) -> Engine:
@@ -112,11 +114,11 @@ class Engine:
             ) from error
         instance(plant, SimulatedPlant, "engine.plant")
         plain = isinstance(plant, PinocchioPlant) and plant.actuators.ideal
-        if not plain and (self.continuous or self.ideal_acceleration):
+        if not plain and self.continuous:
             raise InputError(
                 "only Pinocchio's equations, of ideal actuators, can be integrated as one with the "
-                "controller's, and give the ideal acceleration.",
-                where=f"engine.{'continuous' if self.continuous else 'ideal_acceleration'}",
+                "controller's.",
+                where="engine.continuous",
                 hint='Leave it out, or take plant = "pinocchio" without actuators.',
             )
         return plant

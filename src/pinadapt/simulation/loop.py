@@ -113,7 +113,6 @@ def run(
     duration: float | None = None,
     state: ControllerState | None = None,
     sensors: SimulatedSensors | None = None,
-    ideal_acceleration: bool = False,
     events: Events | None = None,
 ) -> Iterator[Sample]:
     """Drive a plant from its initial state; yield a sample each period, before the plant moves on.
@@ -128,7 +127,6 @@ def run(
         duration: s; None for as long as samples are taken from the iterator.
         state: the controller's initial state, as of ``init``; None: at the first measurement.
         sensors: through which the controller sees the plant; None for perfect ones.
-        ideal_acceleration: give the law the acceleration that its torque will cause.
         events: changes of the plant, and announcements to the controller; None for none.
 
     Yields:
@@ -154,7 +152,6 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    simulated: Any = plant
     given = None
     governed = getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
@@ -165,10 +162,6 @@ def run(
         try:
             _check_speed(truth.v, truth.t)
             desired = governed(state, trajectory, truth.t)
-            if ideal_acceleration:
-                _, command = controller.command(state, measurement, desired)
-                a = simulated.acceleration_at(truth.q, truth.v, command.torque, command.feedthrough)
-                measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started

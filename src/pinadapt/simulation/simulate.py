@@ -172,8 +172,10 @@ def simulate(
         warnings.warn(finding, stacklevel=3)
     if late := [at for at in (*events.changes, *events.announcements) if at >= duration]:
         warnings.warn(f"the run ends before its events at {late} s.", stacklevel=3)
-    sampled = partial(run, sensors=None if sensors.perfect else simulated)
-    drive: Any = run_continuous if engine.continuous else sampled
+    if engine.continuous:
+        drive: Any = partial(run_continuous, ideal_acceleration=engine.ideal_acceleration)
+    else:
+        drive = partial(run, sensors=None if sensors.perfect else simulated)
     stream = drive(
         plant,
         controller,
@@ -182,7 +184,6 @@ def simulate(
         duration=duration,
         state=state,
         events=events,
-        ideal_acceleration=engine.ideal_acceleration,
     )
     live = progress == "live"
     name = title or true.name
