@@ -74,7 +74,7 @@ def test_unphysical_bodies_are_refused():
 
 def predicted(rollout, a_d):
     """Return the error of the torques of a run's motion at parameters (p), each joint alike."""
-    return rollout.motion_torques().sums.relative_error(a_d)
+    return rollout.motion_torques.sums.relative_error(a_d)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation)
     assert not unphysical_bodies(kept[: dynamics.inertial.size], rollout.joint_names)
     physical = around(dynamics, state.a_0)
     assert physical.divergence(kept) <= physical.divergence(state.a_d) + 1e-6
-    excited = rollout.motion_torques().excited
+    excited = rollout.motion_torques.excited
     open_ones = excited.root @ excited._vectors[:, excited.effects < 1e-7]
     T, h = physical.local(kept)
     slopes = np.linalg.solve(T.T, h) @ open_ones  # of the distance, along what the torques leave

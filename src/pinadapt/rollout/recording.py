@@ -418,7 +418,7 @@ class Recording:
 
         None where nothing of the dynamics is estimated, or a number is not finite.
         """
-        torques = self.motion_torques()
+        torques = self.motion_torques
         truth = self.a_d_true
         if torques is None:
             return None
@@ -427,17 +427,14 @@ class Recording:
     @cached_property
     def not_identified(self) -> tuple[str, ...]:
         """Names of the dynamic parameters that the motion does not identify by themselves."""
-        torques = self.motion_torques()
+        torques = self.motion_torques
         if torques is None:
             return ()
         return tuple(compress(torques.excited.names, ~torques.excited.alone))
 
+    @cached_property
     def motion_torques(self) -> MotionTorques | None:
-        """Return the torques since the last mark, and what of the parameters they depend on.
-
-        Raises:
-            InputError: the rollout was loaded.
-        """
+        """The torques since the last mark, and what of the parameters they depend on."""
         return motion_torques(self.evaluated().controller, self.samples_since_last_mark())
 
     def samples_since_last_mark(self) -> Sequence[Sample]:
