@@ -64,7 +64,7 @@ def changes(rollout: pa.Rollout) -> dict[str, Any]:
     events = [each for each in rollout.transients if each.at > 0.0]
     found: dict[str, Any] = {}
     for name, each in zip(("drop", "lift"), events, strict=False):
-        found |= {f"{name}.worst": digits(each.worst), f"{name}.back": each.back}
+        found |= {f"{name}.worst": digits(each.max_error), f"{name}.back": each.time_back}
     return found
 
 

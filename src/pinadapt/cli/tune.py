@@ -19,6 +19,7 @@ from .command_line import (
 )
 
 FILE = "tune.json"
+_SEARCH = {"trials": int, "validation": int, "objective": str, "share": float}
 
 
 def tune_arguments(parser: ArgumentParser) -> None:
@@ -38,19 +39,7 @@ def tune_arguments(parser: ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    add_arguments_of(
-        parser, search, {"samples": int, "trials": int, "validation": int, "objective": str}
-    )
-    parser.add_argument(
-        "--percentile",
-        type=float,
-        default=0.9,
-        metavar="P",
-        help=(
-            "percentile of the objective over the cases; failed cases count as the worst "
-            "(default: %(default)s)"
-        ),
-    )
+    add_arguments_of(parser, search, {"samples": int, **_SEARCH})
     add_processes(parser)
     add_out(parser, "out/ and the file's name and -tune")
 
@@ -65,9 +54,8 @@ def tune(options: Namespace) -> int:
     found = search(
         plan,
         dict(options.gain),
-        share=options.percentile,
         executor=options.processes,
-        **given(options, ("trials", "objective", "validation")),
+        **given(options, _SEARCH),
     )
     write_json(folder / FILE, found.numbers)
     print(f"{found}\n\nwritten to {folder}")

@@ -239,15 +239,16 @@ class Transient(NamedTuple):
     Attributes:
         at: time of the mark [s].
         what: its words.
-        worst: largest finite error until the next mark or the end [m or rad]; None: there is none.
-        back: time from the mark after which the error stays below ``CLOSE`` [s]; zero where it
-            never exceeds that, None where it does not come back before the next mark or the end.
+        max_error: largest finite one until the next mark or the end [m or rad]; None: there is
+            none.
+        time_back: from the mark until the error stays below ``CLOSE`` [s]; zero where it never
+            exceeds that, None where it does not come back before the next mark or the end.
     """
 
     at: float
     what: str
-    worst: float | None
-    back: float | None
+    max_error: float | None
+    time_back: float | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -79,10 +79,7 @@ def summary(run: Recording) -> Numbers:
         "step_time_us": run.step_time * 1e6,
         "kinematic_base": run.kinematic_base,
         "torque_prediction": run.prediction and vars(run.prediction),
-        "changes": [
-            {"at": at, "what": what, "max_error": worst, "time_back": back}
-            for at, what, worst, back in run.transients
-        ],
+        "changes": [each._asdict() for each in run.transients],
         "slowed": [each._asdict() for each in run.slowed],
         "infeasible": [each._asdict() for each in run.infeasible],
         "ringing": run.ringing and run.ringing._asdict(),

@@ -87,7 +87,7 @@ def tune(
         samples: number of samples of the distributions.
         trials: number of gains that are tried.
         objective: the result whose percentile is minimised.
-        share: which percentile, 0.9 for 90 %; failed cases count as the worst.
+        share: which percentile (default: 0.9); failed cases count as the worst.
         validation: number of samples with another seed, on which gains are compared; None: as in
             the search.
         executor: as ``sweep`` has it.
