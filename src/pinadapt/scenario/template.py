@@ -20,11 +20,10 @@ from ..controller.constraint_forces import ConstraintForces
 from ..controller.controller import Controller
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
-from ..exceptions import InputError
 from ..laws import DEFAULT
 from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
-from ..robot.loading import FIXED, FREE, JOINT, load
+from ..robot.loading import FIXED, FREE, load
 from ..robot.robot import Robot
 from ..robot.workspace import TOOL_ERROR, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
@@ -86,10 +85,7 @@ class Template:
 
         Raises:
             RobotError: as ``load``.
-            InputError: a tracker for a joint task or a picture.
         """
-        if self.tracker and self.task in (JOINT, IMAGE):
-            raise InputError("a tracker needs a task of the frame.", where="--tracker")
         robot = load(
             self.source,
             xacro=self.xacro,
