@@ -2,11 +2,12 @@
 
 A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control step would need
 over a hundred of them. A kernel is a plain function of float arrays that computes one formula;
-numba compiles it for one signature, whose arrays may have any memory layout unless it says
-otherwise. Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN
-propagates. A kernel is compiled when it is first called, and its machine code is cached beside the
-source, or in the user's cache where that cannot be written, or not at all; a damaged cache file is
-replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger.
+numba compiles it for the one signature that its annotations state, whose arrays may have any memory
+layout unless they are packed. Arithmetic stays IEEE: nothing is reordered, a division by zero gives
+inf, and NaN propagates. A kernel is compiled when it is first called, and its machine code is
+cached beside the source, or in the user's cache where that cannot be written, or not at all; a
+damaged cache file is replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for
+a debugger.
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
 not call each other, because the cache on disk would not notice a change of the other. An index
@@ -21,19 +22,29 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_type_hints
+
+import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+# what kernels take, as numba writes it: arrays of floats or indices, any memory layout, or packed
+Vector = Annotated[np.ndarray, "f8[:]"]
+Matrix = Annotated[np.ndarray, "f8[:,:]"]
+Matrices = Annotated[np.ndarray, "f8[:,:,:]"]
+Indices = Annotated[np.ndarray, "i8[:]"]
+IndexTable = Annotated[np.ndarray, "i8[:,:]"]
+PackedVector = Annotated[np.ndarray, "f8[::1]"]
+PackedMatrix = Annotated[np.ndarray, "f8[:,::1]"]
+_SCALARS: dict[Any, str] = {float: "f8", int: "i8", bool: "b1"}
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
 _entry_points: list[Callable[[], Callable[..., Any]]] = []  # of all kernels that are defined
 _NOTE = "pinadapt: compiling its kernels, once on this machine ..."
 
 
-def compiled(
-    signature: str, fills: int = 1, allocates: bool = False
-) -> Callable[[Function], Function]:
-    """Make a function of a module a kernel with a signature as in numba: "void(f8[:,:], f8[:])".
+def compiled(fills: int = 1, allocates: bool = False) -> Callable[[Function], Function]:
+    """Make a function of a module a kernel.
 
     The last ``fills`` arguments are the arrays that it fills; it only reads the others, so they may
     be read-only. A kernel that makes arrays of its own says so by ``allocates``; the others are
@@ -48,7 +59,7 @@ def compiled(
         @cache
         def entry_point() -> Callable[..., Any]:
             """Return the machine code, compiled or loaded from disk."""
-            return _entry_point(function, signature, fills, allocates)
+            return _entry_point(function, fills, allocates)
 
         _entry_points.append(entry_point)
 
@@ -69,22 +80,23 @@ def compile_all() -> None:
         entry_point()
 
 
-def _entry_point(
-    function: Callable[..., Any], signature: str, fills: int, allocates: bool
-) -> Callable[..., Any]:
+def _entry_point(function: Callable[..., Any], fills: int, allocates: bool) -> Callable[..., Any]:
     """Return the machine code of a kernel, compiled for its one signature."""
     from numba import config, njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
+    from numba.extending import as_numba_type
 
     if vars(config)["DISABLE_JIT"]:
         return function
-    arguments, result = normalize_signature(signature)
+    *hints, result = get_type_hints(function, include_extras=True).values()
+    names = (_SCALARS.get(hint) or hint.__metadata__[0] for hint in hints)
+    arguments, _ = normalize_signature(f"void({', '.join(names)})")
     first = len(arguments) - fills
     read = [
         kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
         for kind in arguments[:first]
     ]
-    typed = result(*read, *arguments[first:])
+    typed = as_numba_type(result)(*read, *arguments[first:])
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     options = {"error_model": "numpy", "boundscheck": True, **counting}

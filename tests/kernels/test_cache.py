@@ -15,10 +15,10 @@ from pinadapt import _compiled
 pytestmark = pytest.mark.slow
 
 KERNEL = """
-from pinadapt._compiled import compiled
+from pinadapt._compiled import Vector, compiled
 
-@compiled("void(f8[:], f8[:])")
-def double(x, y):
+@compiled()
+def double(x: Vector, y: Vector) -> None:
     for i in range(len(x)):
         y[i] = 2.0 * x[i]
 """

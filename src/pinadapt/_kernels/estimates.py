@@ -6,28 +6,24 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import IndexTable, Matrix, PackedVector, Vector, compiled
 
 
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8, f8, f8[:,:], f8[:], f8[:,:])",
-    fills=2,
-    allocates=True,
-)
+@compiled(fills=2, allocates=True)
 def fit(
-    information: np.ndarray,
-    W: np.ndarray,
-    r: np.ndarray,
-    R_0: np.ndarray,
-    g: np.ndarray,
+    information: Matrix,
+    W: Matrix,
+    r: Vector,
+    R_0: Matrix,
+    g: Vector,
     rate: float,
-    floor: np.ndarray,
+    floor: Vector,
     dt: float,
     kept: float,
     restored: float,
-    prior: np.ndarray,
-    slope: np.ndarray,
-    after: np.ndarray,
+    prior: Matrix,
+    slope: Vector,
+    after: Matrix,
 ) -> None:
     """Write -P_1 (g + W^T (R - R_0) r) (p) and kept P_1^-1 + restored prior (p, p).
 
@@ -36,7 +32,7 @@ def fit(
     and positive definite, P^-1 is the information.
     """
 
-    def solve(A: np.ndarray, X: np.ndarray) -> None:
+    def solve(A: Matrix, X: Matrix) -> None:
         """Write A^-1 x over each row x of X, and what elimination leaves over A."""
         n = len(A)
         for k in range(n):
@@ -90,22 +86,19 @@ def fit(
         slope[k] = -gradient[k]
 
 
-@compiled(
-    "void(f8[:], f8[:], i8, i8, i8[:,::1], f8[::1], i8[:,::1], f8[::1], f8, f8, f8[:])",
-    allocates=True,
-)
+@compiled(allocates=True)
 def follow_geodesic(
-    a: np.ndarray,
-    g: np.ndarray,
+    a: Vector,
+    g: Vector,
     p: int,
     n: int,
-    places: np.ndarray,
-    F: np.ndarray,
-    dual_places: np.ndarray,
-    dual: np.ndarray,
+    places: IndexTable,
+    F: PackedVector,
+    dual_places: IndexTable,
+    dual: PackedVector,
     h: float,
     most: float,
-    after: np.ndarray,
+    after: Vector,
 ) -> None:
     """Write the parameters (k p) of exp(-h P L) P by its series up to (h P L)^4, by Horner.
 
@@ -153,24 +146,22 @@ def follow_geodesic(
             after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
-def exponentiate(
-    a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, most: float, after: np.ndarray
-) -> None:
+@compiled()
+def exponentiate(a: Vector, g: Vector, scale: Vector, h: float, most: float, after: Vector) -> None:
     """Write a exp(-h scale g) (p), exponents cut to ``most``."""
     for i in range(len(a)):
         after[i] = a[i] * math.exp(min(max(-h * scale[i] * g[i], -most), most))
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:])")
-def advance(a: np.ndarray, rate: np.ndarray, dt: float, after: np.ndarray) -> None:
+@compiled()
+def advance(a: Vector, rate: Vector, dt: float, after: Vector) -> None:
     """Write a + dt rate (p)."""
     for i in range(len(a)):
         after[i] = a[i] + dt * rate[i]
 
 
-@compiled("b1(f8[:], f8[:], f8[:])", fills=0)
-def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+@compiled(fills=0)
+def inside(a: Vector, low: Vector, high: Vector) -> bool:
     """Return whether low < a < high in every entry."""
     within = True
     for i in range(len(a)):

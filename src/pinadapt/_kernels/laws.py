@@ -6,25 +6,22 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import Matrix, Vector, compiled
 
 
-@compiled(
-    "b1(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:], f8, f8[:,:], f8[:], f8[:])",
-    fills=3,
-)
+@compiled(fills=3)
 def filtered_rates(
-    low: np.ndarray,
-    X_k: np.ndarray,
-    x_hat: np.ndarray,
-    a_k: np.ndarray,
-    x: np.ndarray,
+    low: Vector,
+    X_k: Matrix,
+    x_hat: Vector,
+    a_k: Vector,
+    x: Vector,
     bandwidth: float,
-    v: np.ndarray,
+    v: Vector,
     bandwidth_a: float,
-    W_k: np.ndarray,
-    y: np.ndarray,
-    a: np.ndarray,
+    W_k: Matrix,
+    y: Vector,
+    a: Vector,
 ) -> bool:
     """Write W_k = lambda (X_k - Z_k), y = lambda (x - x_0 - xi), and a = lambda_a (v - z).
 
@@ -48,10 +45,8 @@ def filtered_rates(
     return True
 
 
-@compiled("void(f8[:], f8, f8[:], f8[:], f8[:])")
-def observed(
-    memory: np.ndarray, lead: float, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.ndarray
-) -> None:
+@compiled()
+def observed(memory: Vector, lead: float, xd_hat: Vector, x: Vector, dx_o: Vector) -> None:
     """Write x_o + (half + lead) xd_hat - x (m_p).
 
     The memory is (x_o, half), half of the last step [s].
@@ -61,14 +56,14 @@ def observed(
         dx_o[i] = memory[i] + (memory[m] + lead) * xd_hat[i] - x[i]
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+@compiled()
 def carry(
-    memory: np.ndarray,
-    xd_hat: np.ndarray,
-    dx_o: np.ndarray,
+    memory: Vector,
+    xd_hat: Vector,
+    dx_o: Vector,
     bandwidth: float,
     dt: float,
-    after: np.ndarray,
+    after: Vector,
 ) -> None:
     """Move (x_o, half) on for dt.
 
@@ -82,16 +77,16 @@ def carry(
     after[m] = 0.5 * dt
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8, f8, f8, f8[:])")
+@compiled()
 def advance(
-    low: np.ndarray,
-    W_k: np.ndarray,
-    y: np.ndarray,
-    a: np.ndarray,
+    low: Vector,
+    W_k: Matrix,
+    y: Vector,
+    a: Vector,
     bandwidth: float,
     bandwidth_a: float,
     dt: float,
-    after: np.ndarray,
+    after: Vector,
 ) -> None:
     """Move low, (Z_k, xi, z) as in ``filtered_rates``, on for dt with its inputs held.
 
@@ -109,9 +104,9 @@ def advance(
         after[m * p + m + i] = low[m * p + m + i] + way_a * a[i]
 
 
-@compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", fills=2)
+@compiled(fills=2)
 def posture_velocity(
-    q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray, rate: np.ndarray
+    q: Vector, posture: Matrix, v: Vector, w: float, psi: Vector, rate: Vector
 ) -> None:
     """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
     for i in range(len(v)):
@@ -121,26 +116,22 @@ def posture_velocity(
         rate[i] = -w * (1.0 + 4.0 * abs(e) / posture[3, i]) * v[i]
 
 
-@compiled(
-    "void(f8[:,:], f8[:], f8, f8[:], f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], "
-    "f8[:], f8[:], f8[:], f8[:])",
-    fills=4,
-)
+@compiled(fills=4)
 def kinematic_drive(
-    K_PV: np.ndarray,
-    dx: np.ndarray,
+    K_PV: Matrix,
+    dx: Vector,
     alpha: float,
-    xd_hat: np.ndarray,
-    xd_d: np.ndarray,
-    Y_k: np.ndarray,
-    W_k: np.ndarray,
-    R_k: np.ndarray,
-    a_k: np.ndarray,
-    y: np.ndarray,
-    e: np.ndarray,
-    error: np.ndarray,
-    residual: np.ndarray,
-    gradient: np.ndarray,
+    xd_hat: Vector,
+    xd_d: Vector,
+    Y_k: Matrix,
+    W_k: Matrix,
+    R_k: Matrix,
+    a_k: Vector,
+    y: Vector,
+    e: Vector,
+    error: Vector,
+    residual: Vector,
+    gradient: Vector,
 ) -> None:
     """Write e (m), and the parts of g_k = Y_k^T error + W_k^T R_k residual (p_k), (19), and g_k.
 
@@ -171,29 +162,25 @@ def kinematic_drive(
             gradient[j] += Y_k[i, j] * x
 
 
-@compiled(
-    "void(f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:])",
-    fills=2,
-)
+@compiled(fills=2)
 def commanded_acceleration(
-    xdd_d: np.ndarray,
-    K_v: np.ndarray,
-    xd: np.ndarray,
-    xd_d: np.ndarray,
-    K_P: np.ndarray,
-    dx: np.ndarray,
-    Jdot_v: np.ndarray,
-    Y_k: np.ndarray,
-    a_k_rate: np.ndarray,
-    J: np.ndarray,
-    gram_inverse: np.ndarray,
-    qd: np.ndarray,
-    q: np.ndarray,
-    posture: np.ndarray,
+    xdd_d: Vector,
+    K_v: Matrix,
+    xd: Vector,
+    xd_d: Vector,
+    K_P: Matrix,
+    dx: Vector,
+    Jdot_v: Vector,
+    Y_k: Matrix,
+    a_k_rate: Vector,
+    J: Matrix,
+    gram_inverse: Matrix,
+    qd: Vector,
+    q: Vector,
+    posture: Matrix,
     w: float,
-    missed: np.ndarray,
-    v: np.ndarray,
+    missed: Vector,
+    v: Vector,
 ) -> None:
     """Write u - J psi (m), which psi misses, and v = psi + J^T G (u - J psi) (n), G as in J^+.
 
@@ -222,16 +209,16 @@ def commanded_acceleration(
             v[t] += J[i, t] * x
 
 
-@compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
+@compiled(fills=2)
 def observation_drive(
-    Y_k: np.ndarray,
-    dx_o: np.ndarray,
+    Y_k: Matrix,
+    dx_o: Vector,
     c: float,
-    X_k: np.ndarray,
-    epsilon: np.ndarray,
-    R: np.ndarray,
-    error: np.ndarray,
-    gradient: np.ndarray,
+    X_k: Matrix,
+    epsilon: Vector,
+    R: Matrix,
+    error: Vector,
+    gradient: Vector,
 ) -> None:
     """Write c dx_o (m_p) and the gradient c Y_p^T dx_o + X_k^T R epsilon (p).
 
@@ -249,17 +236,17 @@ def observation_drive(
             gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * x
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
+@compiled(fills=2)
 def reference(
-    xd_d: np.ndarray,
-    dx: np.ndarray,
-    xdd_d: np.ndarray,
-    xd: np.ndarray,
-    dx_o: np.ndarray,
+    xd_d: Vector,
+    dx: Vector,
+    xdd_d: Vector,
+    xd: Vector,
+    dx_o: Vector,
     alpha: float,
     beta: float,
-    u: np.ndarray,
-    ud: np.ndarray,
+    u: Vector,
+    ud: Vector,
 ) -> None:
     """Write u = xd_d - alpha (dx + dx_o) and ud = xdd_d - alpha (xd - xd_d - beta dx_o), both (m).
 
@@ -275,14 +262,14 @@ def reference(
         ud[i] = xdd_d[i] - alpha * rate
 
 
-@compiled("void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:])", allocates=True)
+@compiled(allocates=True)
 def subtract_limited_damping(
-    feedforward: np.ndarray,
-    D: np.ndarray,
-    M: np.ndarray,
+    feedforward: Vector,
+    D: Matrix,
+    M: Matrix,
     rate: float,
-    error: np.ndarray,
-    torque: np.ndarray,
+    error: Vector,
+    torque: Vector,
 ) -> None:
     """Write feedforward - (D^-1 + R^-1)^-1 error (n), R = rate M.
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from .._compiled import compiled
+from .._compiled import Matrix, PackedMatrix, Vector, compiled
 
 # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding; half, twice: all runs the same
 _LOST_RANK = 1e14
 
 
-@compiled("Tuple((f8, b1))(f8[:,:], f8, f8[:], f8[:], f8[:,::1])", fills=2)
+@compiled(fills=2)
 def invert_gram(
-    J: np.ndarray,
+    J: Matrix,
     threshold: float,
-    levels: np.ndarray,
-    damping: np.ndarray,
-    inverse: np.ndarray,
+    levels: Vector,
+    damping: Vector,
+    inverse: PackedMatrix,
 ) -> tuple[float, bool]:
     """Write mu^2 of the rows (m) and (J J^T + diag mu^2)^-1 (m, m); return s, and if rank is lost.
 
@@ -70,8 +68,8 @@ def invert_gram(
     return s, lost
 
 
-@compiled("b1(f8[:,:], f8[:])", fills=2)
-def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
+@compiled(fills=2)
+def solve_definite(A: Matrix, x: Vector) -> bool:
     """Write A^-1 x over x (n), and what elimination leaves over the upper triangle of A (n, n).
 
     Return False if A is not positive definite.
@@ -92,24 +90,20 @@ def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
     return True
 
 
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:], "
-    "f8[:], f8[:], f8[:], f8[:])",
-    fills=4,
-)
+@compiled(fills=4)
 def right_inverse_and_rate(
-    J: np.ndarray,
-    gram_inverse: np.ndarray,
-    u: np.ndarray,
-    psi: np.ndarray,
-    ud: np.ndarray,
-    psid: np.ndarray,
-    Jdot: np.ndarray,
-    damping_rate: np.ndarray,
-    missed: np.ndarray,
-    y: np.ndarray,
-    x: np.ndarray,
-    rate: np.ndarray,
+    J: Matrix,
+    gram_inverse: Matrix,
+    u: Vector,
+    psi: Vector,
+    ud: Vector,
+    psid: Vector,
+    Jdot: Matrix,
+    damping_rate: Vector,
+    missed: Vector,
+    y: Vector,
+    x: Vector,
+    rate: Vector,
 ) -> None:
     """Write x = psi + J^T y (n), y = G (u - J psi) (m), and its derivative (n).
 
@@ -118,7 +112,7 @@ def right_inverse_and_rate(
     """
     m, n = J.shape
 
-    def add_solution(target: np.ndarray, base: np.ndarray) -> None:
+    def add_solution(target: Vector, base: Vector) -> None:
         """Add J^T y, y = G (target - J base), to the base (n)."""
         for i in range(m):
             missed[i] = target[i]
@@ -143,8 +137,8 @@ def right_inverse_and_rate(
     add_solution(missed, rate)
 
 
-@compiled("f8(f8[:], f8[:])", fills=0)
-def largest_share(x: np.ndarray, limits: np.ndarray) -> float:
+@compiled(fills=0)
+def largest_share(x: Vector, limits: Vector) -> float:
     """Return the norm of x / limits with the eighth power, slightly above its largest entry.
 
     Zero where the power is not finite.

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import IndexTable, Indices, Matrices, Matrix, Vector, compiled
 
 PER_BODY = 10
 # [kg] pin.Inertia stores mc / m, which loses its digits below this mass; half, twice: the same
 _LEAST_MASS = 1e-6
 
 
-@compiled("f8(f8[:], f8[:])")
-def take(pi: np.ndarray, inertial: np.ndarray) -> float:
+@compiled()
+def take(pi: Vector, inertial: Vector) -> float:
     """Write pi (10 n) with c added to all masses; return c, which is zero where none needs it.
 
     Else no body is much lighter than its ballast c, as centres of mass far outside of the robot
@@ -33,34 +33,29 @@ def take(pi: np.ndarray, inertial: np.ndarray) -> float:
 LEAST_DEPTH = 0.1
 
 
-@compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], i8[:,:], f8[:,:], f8[:], f8[:], f8[:,:,:], "
-    "i8[:,:], f8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:,:], "
-    "f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:,:])",
-    fills=11,
-)
+@compiled(fills=11)
 def observed_motion(
-    R: np.ndarray,
-    o: np.ndarray,
-    S: np.ndarray,
-    dS: np.ndarray,
-    links: np.ndarray,
-    columns: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    constants: np.ndarray,
-    entries: np.ndarray,
-    scratch: np.ndarray,
-    motion: np.ndarray,
-    maps: np.ndarray,
-    G: np.ndarray,
-    Jdot: np.ndarray,
-    y: np.ndarray,
-    J: np.ndarray,
-    yd: np.ndarray,
-    Jdot_v: np.ndarray,
-    X: np.ndarray,
-    Y: np.ndarray,
+    R: Matrices,
+    o: Matrix,
+    S: Matrix,
+    dS: Matrix,
+    links: IndexTable,
+    columns: Matrix,
+    v: Vector,
+    a: Vector,
+    constants: Matrices,
+    entries: IndexTable,
+    scratch: Matrix,
+    motion: Matrices,
+    maps: Matrices,
+    G: Matrix,
+    Jdot: Matrix,
+    y: Vector,
+    J: Matrix,
+    yd: Vector,
+    Jdot_v: Vector,
+    X: Matrix,
+    Y: Matrix,
 ) -> None:
     """Write what the columns of a chain move its frames by, and what a sensor sees of them.
 
@@ -80,7 +75,7 @@ def observed_motion(
     derivative by a, Y that of the rate.
     """
 
-    def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
+    def cross(a: Vector, b: Vector, i: int) -> float:
         """Return entry i of a x b."""
         f = (i + 1) % 3
         h = (i + 2) % 3
@@ -171,17 +166,17 @@ def observed_motion(
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
+@compiled()
 def add_map_rates(
-    rate: np.ndarray,
-    entries: np.ndarray,
-    motion: np.ndarray,
-    maps: np.ndarray,
-    G: np.ndarray,
-    z: np.ndarray,
-    y: np.ndarray,
-    yd: np.ndarray,
-    Jdot: np.ndarray,
+    rate: Vector,
+    entries: IndexTable,
+    motion: Matrices,
+    maps: Matrices,
+    G: Matrix,
+    z: Vector,
+    y: Vector,
+    yd: Vector,
+    Jdot: Matrix,
 ) -> None:
     """Add what the rates (p) of the parameters change of dJ/dt (m, n), and of y and z by any rate.
 
@@ -217,24 +212,20 @@ def add_map_rates(
                 Jdot[i, t] -= less * Phi[c, t]
 
 
-@compiled(
-    "void(f8[:,:], i8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:,:], f8[:], f8[:,:], "
-    "f8[:])",
-    fills=2,
-)
+@compiled(fills=2)
 def add_joint_effects(
-    values: np.ndarray,
-    columns: np.ndarray,
-    shape: np.ndarray,
-    directions: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    g: np.ndarray,
+    values: Matrix,
+    columns: IndexTable,
+    shape: Matrix,
+    directions: Matrix,
+    v: Vector,
+    a: Vector,
+    g: Vector,
     one: float,
-    Y_b: np.ndarray,
-    tau_b: np.ndarray,
-    Y: np.ndarray,
-    tau: np.ndarray,
+    Y_b: Matrix,
+    tau_b: Vector,
+    Y: Matrix,
+    tau: Vector,
 ) -> None:
     """Write [Y_b, Y_j] (n, p) and tau_b + the joints' torque (n); Y_b and tau_b are the bodies'.
 
@@ -267,22 +258,18 @@ def add_joint_effects(
                     Y[i, p + columns[c, k]] = directions[k, i] * f
 
 
-@compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8[:], i8[:], f8[:], f8[:,:], f8[:,:])",
-    fills=2,
-    allocates=True,
-)
+@compiled(fills=2, allocates=True)
 def momentum_columns(
-    R: np.ndarray,
-    o: np.ndarray,
-    V: np.ndarray,
-    J: np.ndarray,
-    Jdot: np.ndarray,
-    bodies: np.ndarray,
-    columns: np.ndarray,
-    gravity: np.ndarray,
-    Y_M: np.ndarray,
-    Y_0: np.ndarray,
+    R: Matrices,
+    o: Matrix,
+    V: Matrix,
+    J: Matrix,
+    Jdot: Matrix,
+    bodies: Indices,
+    columns: Indices,
+    gravity: Vector,
+    Y_M: Matrix,
+    Y_0: Matrix,
 ) -> None:
     """Write the regressors (n, 10 N) of J_i^T h and of -dJ_i^T h + weight, h the momenta of bodies.
 
@@ -293,7 +280,7 @@ def momentum_columns(
     mc^T (l x w + v x r) + r^T I w; the weight is that with -gravity for v.
     """
 
-    def turn_into(b: int, axes: np.ndarray, c: int, s: np.ndarray) -> None:
+    def turn_into(b: int, axes: Matrix, c: int, s: Vector) -> None:
         """Write column c of axes (6, n) as a motion at the origin of body b, in its axes."""
         for t in range(3):
             s[t] = s[t + 3] = 0.0
@@ -304,7 +291,7 @@ def momentum_columns(
                 s[t] += R[b, e, t] * moving
                 s[t + 3] += R[b, e, t] * axes[e + 3, c]
 
-    def add(Y: np.ndarray, s: np.ndarray, v: np.ndarray, sign: float) -> None:
+    def add(Y: Vector, s: Vector, v: Vector, sign: float) -> None:
         """Add sign s^T h of a body with velocity v (6) to the columns Y (10) of its parameters."""
         Y[0] += sign * (s[0] * v[0] + s[1] * v[1] + s[2] * v[2])
         j = 4

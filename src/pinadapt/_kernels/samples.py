@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 
-from .._compiled import compiled
+from .._compiled import Indices, Matrix, PackedMatrix, PackedVector, Vector, compiled
 
 # What is wrong with a joint.
 FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)
@@ -15,6 +16,7 @@ NO_Q, NO_V = 1, 2  # what is not used of a joint
 _OF_BOUNDS = "fastest", "tolerance", "leap", "clear", "slow", "lowest", "highest"
 BOUNDS = np.dtype([(name, float) for name in _OF_BOUNDS])  # of a joint, see ``Guards``
 _FIELDS = ", ".join(f"('{name}', f8)" for name in _OF_BOUNDS)
+Bounds = Annotated[np.ndarray, f"Record.make_c_struct([{_FIELDS}])[::1]"]
 # What is kept of a joint for the next sample: what is used of it and what was measured, leaky sums,
 # for how long it has been the same, and what is wrong with it.
 (
@@ -33,26 +35,21 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 # late, double: counts of an encoder shake it
 
 
-@compiled(
-    "i8(f8[:], f8[:], f8[:], f8, f8, b1, "
-    f"Record.make_c_struct([{_FIELDS}])[::1], "
-    "i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1])",
-    fills=4,
-)
+@compiled(fills=4)
 def check_joints(
-    q: np.ndarray,
-    q_before: np.ndarray,
-    v: np.ndarray,
+    q: Vector,
+    q_before: Vector,
+    v: Vector,
     dt: float,
     decay: float,
     begun: bool,
-    bounds: np.ndarray,
-    places: np.ndarray,
-    before: np.ndarray,
-    after: np.ndarray,
-    shared: np.ndarray,
-    q_used: np.ndarray,
-    v_used: np.ndarray,
+    bounds: Bounds,
+    places: Indices,
+    before: PackedMatrix,
+    after: PackedMatrix,
+    shared: PackedVector,
+    q_used: PackedVector,
+    v_used: PackedVector,
 ) -> int:
     """Write q and v (n) as far as they follow; return 2 if something may not, 1 at rest, else 0.
 
@@ -200,8 +197,8 @@ def check_joints(
     return 2 if wrong else 1 if resting else 0
 
 
-@compiled("f8(f8[:], f8[:], f8[:])", fills=0)
-def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> float:
+@compiled(fills=0)
+def size_of_estimates(a_d: Vector, a_k: Vector, torque: Vector) -> float:
     """Return |a_d|^2 + |a_k|^2, or NaN where |torque|^2 is not finite."""
     size = 0.0
     effort = 0.0
@@ -214,8 +211,8 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
     return size + 0.0 * effort
 
 
-@compiled("b1(f8[:], f8[:])", fills=0)
-def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
+@compiled(fills=0)
+def exceeds(torque: Vector, limits: Vector) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
     beyond = False
     effort = 0.0
@@ -225,34 +222,31 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     return beyond and np.isfinite(effort)
 
 
-@compiled(
-    "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:],"
-    " f8[:], f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"
-)
+@compiled()
 def path_rate(
-    dx: np.ndarray,
-    weight: np.ndarray,
+    dx: Vector,
+    weight: Vector,
     positions: int,
     slow: float,
     hold: float,
     creep: float,
     late: float,
-    torque: np.ndarray,
-    effort_limits: np.ndarray,
+    torque: Vector,
+    effort_limits: Vector,
     effort: float,
-    q: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    q: Vector,
+    lower: Vector,
+    upper: Vector,
     lead: float,
-    xd_d: np.ndarray,
-    xdd_d: np.ndarray,
-    J: np.ndarray,
-    gram_inverse: np.ndarray,
-    velocity_limits: np.ndarray,
+    xd_d: Vector,
+    xdd_d: Vector,
+    J: Matrix,
+    gram_inverse: Matrix,
+    velocity_limits: Vector,
     rate: float,
     acceleration: float,
     ahead: float,
-    factors: np.ndarray,
+    factors: Vector,
 ) -> int:
     """Fill factors (3 + 3 n) with those of the governor and return which one is the smallest.
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from math import cos, sin
 
-import numpy as np
-
-from .._compiled import compiled
+from .._compiled import Matrices, Matrix, Vector, compiled
 
 
-@compiled("void(f8[:,:,:], f8[:], f8, f8[:,:])")
-def harmonics(parts: np.ndarray, w: np.ndarray, t: float, x: np.ndarray) -> None:
+@compiled()
+def harmonics(parts: Matrices, w: Vector, t: float, x: Matrix) -> None:
     """Write x (l, m): Re sum_k c_k exp(i w_k t); parts (l, m, 2 K) are Re c_k, Im c_k in turn."""
     rows, columns = x.shape
     for i in range(rows):

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .._checks import instance, whole
-from .._compiled import compiled
+from .._compiled import Matrix, Vector, compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
@@ -242,19 +242,19 @@ def fitted_friction(
     return fitted
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])")
+@compiled()
 def _fit(
-    viscous: np.ndarray,
-    coulomb: np.ndarray,
-    asymmetry: np.ndarray,
-    shape: np.ndarray,
-    offset: np.ndarray,
-    inertia: np.ndarray,
-    v: np.ndarray,
-    start: np.ndarray,
-    tau: np.ndarray,
+    viscous: Vector,
+    coulomb: Vector,
+    asymmetry: Vector,
+    shape: Matrix,
+    offset: Vector,
+    inertia: Vector,
+    v: Vector,
+    start: Vector,
+    tau: Vector,
     h: float,
-    fitted: np.ndarray,
+    fitted: Matrix,
 ) -> None:
     """Write the rows of ``fitted_friction``."""
     for i in range(len(v)):
