@@ -68,7 +68,7 @@ def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
     assert mimic.nv == 8
     rng = np.random.default_rng(0)
     G = np.vstack([np.eye(8), np.eye(8)[-1]])
-    forces = ConstraintForces(robot, None)
+    forces = ConstraintForces(robot)
     for _ in range(5):
         u, ud, udd = 0.3 * rng.standard_normal((3, 8))
         tau = pin.rnea(robot.model, robot.model.createData(), G @ u, G @ ud, G @ udd)

@@ -71,7 +71,7 @@ def test_the_kinematics_of_a_frame_of_a_tree_are_exact_and_those_of_pinocchio(fr
 @pytest.mark.parametrize("name", ["a1", "talos"])
 def test_forces_keep_the_base_and_stay_in_their_cones(name):
     robot = standing(name)
-    forces = ConstraintForces(robot, None)
+    forces = ConstraintForces(robot)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
     g[:3] += 0.05 * g[2] * np.array([1.0, -0.5, 0.5])
     torque = forces.solve(robot.q0, g).torque
@@ -92,12 +92,12 @@ def test_forces_keep_the_base_and_stay_in_their_cones(name):
 def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
     """And the limit that it misses is named."""
     robot = standing("a1")
-    forces = ConstraintForces(robot, None)
+    forces = ConstraintForces(robot)
     strong = np.full(18, 50.0)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
-    assert ConstraintForces(robot, strong).solve(robot.q0, g).missed == Missed()
+    assert forces.solve(robot.q0, g, limits=strong).missed == Missed()
     strong[robot.joint_names.index("RR_calf_joint")] = 0.5
-    torque, _, missed = ConstraintForces(robot, strong).solve(robot.q0, g)
+    torque, _, missed = forces.solve(robot.q0, g, limits=strong)
     assert missed.cause.startswith("effort of ") and (np.abs(torque[6:]) <= strong[6:]).all()
     _, _, missed = forces.solve(robot.q0, g + np.eye(18)[0] * 0.43 * g[2])  # 0.42 is borne
     assert missed.cause.startswith("contact of") and 0.1 < missed.size < 0.02 * g[2]
@@ -163,7 +163,7 @@ def test_a_contact_moves_from_where_it_came_down():
 
 def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
     robot = standing("a1")
-    forces = ConstraintForces(robot, None)
+    forces = ConstraintForces(robot)
     push = np.zeros(18)
     push[:2] = 40.0, 10.0
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
@@ -177,7 +177,7 @@ def test_a_push_that_is_known_by_its_projection_loads_the_feet_as_it_is():
 
 def test_a_foot_in_the_air_bears_no_force():
     robot = standing("a1")
-    forces = ConstraintForces(robot, None)
+    forces = ConstraintForces(robot)
     stands = np.array([True, True, False, True])
     A, _ = Constraints(robot.model, robot.constraints).at(robot.q0, np.ones(18))
     assert np.allclose(forces.constraints.jacobian(robot.q0), A, atol=1e-15)

@@ -18,8 +18,7 @@ def governor():
     """Return the governor of a panda with a camera, and what leaves the path at full rate."""
     robot = catalogue_robot("panda")
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06))
-    limits = np.full(7, 50.0)
-    return pa.Governor().of(robot, robot.task, sensors, limits), {
+    return pa.Governor().of(robot, robot.task, sensors), {
         "path": PathTime(),
         "dx": np.zeros(3),
         "q": robot.q0.copy(),
@@ -27,6 +26,7 @@ def governor():
         "inverse": RightInverse(JACOBIAN),
         "torque": np.zeros(7),
         "age": 0.0,
+        "limits": np.full(7, 50.0),
     }
 
 

@@ -19,7 +19,7 @@ LAWS = ["separation", "adaptive-inverse-dynamics", "adaptive-jacobian"]
 
 def governed(controller, robot):
     """Return the controller with a governor that acts at once."""
-    governor = ACTS.of(robot, controller.kinematics.task, controller.sensors, None)
+    governor = ACTS.of(robot, controller.kinematics.task, controller.sensors)
     other = copy.copy(controller)
     other.limits = replace(controller.limits, governor=governor)
     return other

@@ -73,12 +73,8 @@ class ConstraintForces:
         constraints: of the robot.
     """
 
-    def __init__(
-        self, robot: Robot, limits: np.ndarray | None, constraints: Constraints | None = None
-    ) -> None:
-        """Take a robot with constraints, and limits of the torques (n) [N m or N] or None.
-
-        ``constraints`` are its own with the scratch to use, or None.
+    def __init__(self, robot: Robot, constraints: Constraints | None = None) -> None:
+        """Take a robot with constraints; ``constraints`` are these with the scratch to use.
 
         Raises:
             RobotError: the constraints leave a motion that no motor moves.
@@ -89,7 +85,6 @@ class ConstraintForces:
         self._motors = np.flatnonzero(robot.motors)
         self._idle = np.flatnonzero(~robot.motors)
         self._names = [f"effort of {robot.joint_names[i]}" for i in self._motors]
-        self._limits = np.minimum(torque_bounds(limits, robot.model.nv), _NONE)[self._motors]
         self._mobilities = 1.0 / joint_inertia(robot)
         A = self.constraints.jacobian(robot.q0)
         idle = A[:, self._idle]
@@ -132,6 +127,7 @@ class ConstraintForces:
         wanted: np.ndarray,
         stands: np.ndarray | None = None,
         disturbance: np.ndarray | None = None,
+        limits: np.ndarray | None = None,
     ) -> Solution:
         """Return motor torques and constraint forces for a wanted torque (n).
 
@@ -142,6 +138,7 @@ class ConstraintForces:
             disturbance: (n) what ``wanted`` is reduced by, known but for A^T f, see
                 ``Constraints.free``. f is chosen such that joints take it up by their inertias: a
                 push stays one on a heavy base, and the cones of its feet see it.
+            limits: (n) of the motors [N m or N]; None: there are none.
 
         Raises:
             DivergedError: the wanted torque is not finite.
@@ -162,6 +159,7 @@ class ConstraintForces:
         own = A.take(self._motors, axis=1).T
         idle = A.take(self._idle, axis=1).T
         asked = wanted[self._motors]
+        most = np.minimum(torque_bounds(limits, wanted.size), _NONE)[self._motors]
         k = len(A)
         rest = len(idle)
         H = self._H.copy()
@@ -183,8 +181,8 @@ class ConstraintForces:
             C[n:, :k] = own
             low = np.zeros(len(C))
             high = np.full(len(C), _NONE)
-            low[n:] = asked - self._limits
-            high[n:] = asked + self._limits
+            low[n:] = asked - most
+            high[n:] = asked + most
             solve = _solver().dense.solve
             found = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS)
             x = found.x
@@ -195,7 +193,7 @@ class ConstraintForces:
         slack = x[k:]
         torque = np.zeros(wanted.size)
         needed = asked - own.dot(forces)
-        torque[self._motors] = given = np.minimum(np.maximum(needed, -self._limits), self._limits)
+        torque[self._motors] = given = np.minimum(np.maximum(needed, -most), most)
         beyond = needed - given
         size = math.sqrt(slack.dot(slack) + beyond.dot(beyond))
         if not size > _MISSED * math.sqrt(wanted.dot(wanted)):

@@ -122,9 +122,7 @@ class Controller:
         self._forces = None
         squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
         if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
-            self._forces = ConstraintForces(
-                kinematics.robot, self.limits.torque, kinematics.constraints
-            )
+            self._forces = ConstraintForces(kinematics.robot, kinematics.constraints)
         self._make_scratch()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -174,11 +172,7 @@ class Controller:
             GainError: wrong size, or limits that are not positive.
         """
         other = copy.copy(self)
-        torque = torque_limits(self.kinematics.robot, torque)
-        governor = self.limits.governor
-        if governor is not None:
-            governor = replace(governor, torque=torque_bounds(torque, governor.lower.size))
-        other.limits = replace(self.limits, torque=torque, governor=governor)
+        other.limits = replace(self.limits, torque=torque_limits(self.kinematics.robot, torque))
         other._alone = self._alone
         return other
 
@@ -543,7 +537,9 @@ class Controller:
             spring = 0.25 * damping**2 * inertia * displaced
             torque -= np.clip(spring, -_SPRING * limits, _SPRING * limits)
             if self._forces is not None:
-                torque = self._forces.solve(sensed.q, torque, state.stands).torque
+                torque = self._forces.solve(
+                    sensed.q, torque, state.stands, limits=self.limits.torque
+                ).torque
         torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
             torque = torque - self.compensation(sensed.q)
@@ -563,7 +559,9 @@ class Controller:
         if governor is None:  # as in a ``SlowStart``, whose path has its own rate
             return path if elapsed is not None else PathTime(0.0, 0.0)
         age = 0.0 if sensed.frame is None else s.t - sensed.frame.t
-        target, cause = governor.target(path, s.dx, s.q, (s.xd_d, s.xdd_d), s.inverse, torque, age)
+        desired = s.xd_d, s.xdd_d
+        limits = self.limits.torque
+        target, cause = governor.target(path, s.dx, s.q, desired, s.inverse, torque, age, limits)
         if elapsed is None:
             return governor.rate(path, target, cause)
         return governor.step(path, target, cause, elapsed)
@@ -611,7 +609,7 @@ class Controller:
         s, command = self.command(state, measurement, desired)
         if self._forces is None:
             return np.zeros((0, 6))
-        found = self._forces.solve(s.q, command.torque, s.stands)
+        found = self._forces.solve(s.q, command.torque, s.stands, limits=self.limits.torque)
         return self._forces.of_contacts(found.forces)
 
     def respond(self, state: ControllerState, s: Signals) -> tuple[np.ndarray, Drives]:
@@ -678,7 +676,7 @@ class Controller:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
             disturbance = getattr(s.filtered, "disturbance", None)
-            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands, disturbance)
+            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands, disturbance, limits)
             if s.missed.size:
                 drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):

@@ -128,21 +128,13 @@ class Governor:
                 where="governor",
             )
 
-    def of(
-        self,
-        robot: Robot,
-        task: Task,
-        sensors: Sensors,
-        torque: np.ndarray | None,
-        home: float = 0.0,
-    ) -> PathGovernor:
+    def of(self, robot: Robot, task: Task, sensors: Sensors, home: float = 0.0) -> PathGovernor:
         """Return the governor of one robot.
 
         Args:
             robot: as described.
             task: the controlled coordinates.
             sensors: as declared.
-            torque: (n) limits of the controller [N m or N], or None.
             home: conditioning of J_hat at home; zero for a law that needs no distance from
                 singularities.
         """
@@ -161,7 +153,6 @@ class Governor:
             lower=lower,
             upper=upper,
             velocity=self.speed * velocity_limits(model),
-            torque=torque_bounds(torque, model.nv),
             frames=explained_age(sensors) + _SPARE,
             near=self.near * home,
             singular=self.singular * home,
@@ -191,7 +182,6 @@ class PathGovernor:
         places: where joints without full turns are in q.
         lower, upper: (n) position limits [rad or m].
         velocity: (n) velocities that the path may ask for [rad/s or m/s].
-        torque: (n) limits of the controller [N m or N].
         frames: age of a frame from which the path slows [s].
         near, singular: conditioning of J_hat below which the path slows, and stops; zero for a law
             that needs neither.
@@ -205,7 +195,6 @@ class PathGovernor:
     lower: np.ndarray
     upper: np.ndarray
     velocity: np.ndarray
-    torque: np.ndarray
     frames: float
     near: float
     singular: float
@@ -219,6 +208,7 @@ class PathGovernor:
         inverse: RightInverse,
         torque: np.ndarray,
         age: float,
+        limits: np.ndarray | None = None,
     ) -> tuple[float, str]:
         """Return the target of the rate and what it comes from, empty at full rate.
 
@@ -230,13 +220,14 @@ class PathGovernor:
             inverse: of J_hat.
             torque: (n) of the motors [N m or N].
             age: of the latest frame [s].
+            limits: (n) of the torque [N m or N], None for none.
         """
         given = self.settings
         factors = empty(len(self.names))
         least = kernels.path_rate(
             dx, self.weight, self.positions, given.slow, given.hold, given.creep,
             (age - self.frames) / given.gap,
-            torque, self.torque, given.effort,
+            torque, torque_bounds(limits, torque.size), given.effort,
             q[self.places], self.lower, self.upper, given.lead,
             *desired, inverse.J, inverse.gram_inverse, self.velocity,
             path.rate, path.acceleration, 2.0 / given.quick, factors,

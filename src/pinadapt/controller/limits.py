@@ -148,14 +148,13 @@ def limits_for(
     kinematics.update(kinematics.initial, robot.q0, still)
     s_home = kinematics.inverse(robot.q0, still, 1.0).conditioning  # damped: no home is refused
     size = np.linalg.norm(dynamics.initial) + robot.mass + robot.reach
-    torque = torque_limits(robot, limits.torque)
     path = None
     if limits.governor:
         governor = Governor() if limits.governor is True else limits.governor
         home = 0.0 if law.keeps_speeds or law.set_point else s_home
-        path = governor.of(robot, kinematics.task, sensors, torque, home)
+        path = governor.of(robot, kinematics.task, sensors, home)
     return ControllerLimits(
-        torque,
+        torque_limits(robot, limits.torque),
         limits.damping * s_home,
         ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
