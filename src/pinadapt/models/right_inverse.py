@@ -146,6 +146,9 @@ class RightInverse:
             if kernels.largest_share(null, speeds) > _NULL[0]:
                 still = np.zeros(self.size)
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
+                feet, feet_rate = self.solve_with_rate(still, None, still, None, Jdot)
+                null -= feet  # in the air, which move with ``rows``
+                null_rate -= feet_rate
                 short, short_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
                 r = r - null + short
                 rate = rate - null_rate + short_rate
