@@ -70,6 +70,7 @@ def test_the_boundary_layer_of_one_joint(eps):
 def test_the_gain_damps_the_springs_of_every_joint():
     robot = geared("ur5")
     controller = made(robot, FastFeedback("separation"), SOFT)
+    controller.resting_at(robot.q0)
     B = robot.model.armature
     M = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0)) - B
     fast = np.sqrt(5e3 * (1.0 / B + 1.0 / M))

@@ -186,14 +186,13 @@ class Controller:
             InputError: q is of another size.
         """
         robot = self.kinematics.robot
-        law: Any = self.law
-        posture = getattr(law, "posture", None)
+        posture = getattr(self.law, "posture", None)
         if posture is None or robot.constraints:
             return self
         q = vector(q, robot.model.nq, "q", fills=False)
         angles = np.clip(angles_from_configuration(robot.model, q), *position_limits(robot.model))
         other = copy.copy(self)
-        other.law = replace(law, posture=Posture(robot, angles, posture.frequency))
+        other.law = self.law.adjusted(posture=Posture(robot, angles, posture.frequency))
         other._alone = self._alone
         return other
 

@@ -86,6 +86,10 @@ class FastFeedback(Law):
             raise AttributeError(name)
         return getattr(self.law, name)
 
+    def adjusted(self, **values: Any) -> FastFeedback:
+        """Return this feedback around the law with other values; see ``Law.adjusted``."""
+        return replace(self, law=self.law.adjusted(**values))
+
     def of_joints(self, task: JointTask) -> FastFeedback | None:
         """Return this feedback around that of the law with the joints as its task."""
         law = self.law.of_joints(task)

@@ -286,7 +286,7 @@ class Law(ABC):
 
         Filters and rates of a controller set R_k, the weight of the kinematic prediction error;
         lambda_s and lead, above which a regressor is free of the noise of v, and the time by which
-        the low pass on v delays it; and the speeds that a reference keeps.
+        the low pass on v delays it; the speeds that a reference keeps; and where the posture rests.
         """
         own = {name: value for name, value in values.items() if name in vars(self)}
         return replace(self, **own) if own and is_dataclass(self) else self
