@@ -35,7 +35,7 @@ from ..signals import Signals
 from ..trajectories.trajectory import Trajectory, motion_failed
 from .announcement import NominalRobot, announced_state, at_lengths
 from .clock import LATEST
-from .constraint_forces import FEASIBLE, ConstraintForces
+from .constraint_forces import FEASIBLE, ConstraintForces, Solution
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, made_by, squared
 from .learned import AlongExcited
@@ -608,8 +608,12 @@ class Controller:
         s, command = self.command(state, measurement, desired)
         if self._forces is None:
             return np.zeros((0, 6))
-        found = self._forces.solve(s.q, command.torque, s.stands, limits=self.limits.torque)
-        return self._forces.of_contacts(found.forces)
+        return self._forces.of_contacts(self._borne(self._forces, s, command.torque).forces)
+
+    def _borne(self, forces: ConstraintForces, s: Signals, wanted: np.ndarray) -> Solution:
+        """Return motor torques and constraint forces of a torque (n) that the law asks for."""
+        disturbance = getattr(s.filtered, "disturbance", None)
+        return forces.solve(s.q, wanted, s.stands, disturbance, self.limits.torque)
 
     def respond(self, state: ControllerState, s: Signals) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for signals of ``observe`` [N m or N], and the drives.
@@ -674,8 +678,7 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            disturbance = getattr(s.filtered, "disturbance", None)
-            torque, _, s.missed = self._forces.solve(s.q, torque, s.stands, disturbance, limits)
+            torque, _, s.missed = self._borne(self._forces, s, torque)
             if s.missed.size:
                 drives = drives.without_tracking()
         if limits is not None and kernels.exceeds(torque, limits):
