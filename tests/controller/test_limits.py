@@ -145,6 +145,7 @@ def test_a_solution_has_an_exact_rate_and_keeps_speed_limits_smoothly(shape, sma
     still = np.zeros(n)
 
     def kept(inverse, u, psi, ud, psid, Jdot):
+        u, ud = inverse.feedback(speeds, u, ud, np.zeros(m), np.zeros(m), Jdot)
         free = inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         return free, inverse.keeping(speeds, *free, psi, psid, Jdot)
 

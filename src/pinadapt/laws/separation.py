@@ -257,6 +257,8 @@ class Separation(Law):
         N psi is the null motion of the posture.
         """
         u, ud = self._reference(s)
+        if self.speeds is not None:
+            u, ud = s.inverse.feedback(self.speeds, u, ud, s.xd_d, s.xdd_d, Jdot)
         psi, psid = self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         if self.speeds is None:

@@ -64,6 +64,7 @@ class RightInverse:
             DivergedError: J has lost rank without damping, or is not finite.
         """
         self.size = len(J)
+        self._threshold = threshold
         self._A_rate = None
         self._levels = np.zeros(len(J)) if levels is None else levels
         if constraints is not None:
@@ -113,6 +114,7 @@ class RightInverse:
         With y = (J J^T + diag mu^2)^-1 (u - J psi), so that r = psi + J^T y,
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
+        damping_rate = self._damping_rate(Jdot)
         if self._A_rate is not None:
             u = np.concatenate([u, self._rows])
             ud = np.concatenate([ud, self._rows_rate])
@@ -120,11 +122,36 @@ class RightInverse:
         if psi is None or psid is None:
             psi = psid = np.zeros(self.J.shape[1])
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
-        damping_rate = self._damping_rate(Jdot)
         kernels.right_inverse_and_rate(
             self.J, self.gram_inverse, u, psi, ud, psid, Jdot, damping_rate, missed, y, r, rate
         )
         return r, rate
+
+    def feedback(
+        self,
+        speeds: np.ndarray,
+        u: np.ndarray,
+        ud: np.ndarray,
+        u_d: np.ndarray,
+        ud_d: np.ndarray,
+        Jdot: np.ndarray,
+    ) -> Moving:
+        """Return u and du/dt (m), the feedback u - u_d shortened to what a damped J^+ can give.
+
+        |J^+| <= 1 / s_0 keeps joints within the speeds (n) for |u| <= s_0 max(speeds), and for
+        mu_max^2 / mu^2 as much where the damping begins. Beyond a singularity a larger u gains
+        nothing, but multiplies J^+ u's rate, which is linear in the joint velocity: sampled, that
+        rings. No feedback is shortened without damping.
+        """
+        if not self._damped:
+            return u, ud
+        most = np.full(self.size, 0.5 * self._threshold**3 * speeds.max())  # mu_max^2 s_0 speed
+        mu_2 = self.damping[: self.size]
+        fed = u - u_d
+        fed_rate = ud - ud_d
+        changed = self._damping_rate(Jdot)[: self.size] * fed + mu_2 * fed_rate
+        f, f_rate = _shortening(most, *_WHOLE, mu_2 * fed, changed)
+        return u_d + f * fed, ud_d + f * fed_rate + f_rate * fed
 
     def keeping(
         self,
@@ -161,7 +188,7 @@ class RightInverse:
         return z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
 
     def _damping_rate(self, Jdot: np.ndarray) -> np.ndarray:
-        """Return d(mu^2)/dt (m).
+        """Return d(mu^2)/dt of all rows for dJ/dt (m, n) of those of the task.
 
         What the levels before leave of those behind is S = E^T (J J^T + diag mu^2) E, mu = 0 in its
         own rows, with E = I there and, in the rows before, minus what they do for it. mu_k^2 grows
@@ -170,6 +197,8 @@ class RightInverse:
         """
         if not self._damped:
             return self.damping
+        if self._A_rate is not None:
+            Jdot = np.concatenate([Jdot, self._A_rate])
         rate = np.zeros(len(self.J))
         total = 0.0
         above = 0.0
@@ -201,15 +230,26 @@ def bound_smoothly(
 ) -> Moving:
     """Return x (n), shortened so that |x_i| < most limits_i, and its rate (n) changed with it.
 
-    Both are as given up to r = knee, r the norm of x / limits with the eighth power, which is
-    slightly above the largest entry. Beyond, x is multiplied by g(r) / r, with g = knee + w
-    tanh((r - knee) / w), w = most - knee: twice continuously differentiable.
+    Both are as given where ``_shortening`` is one.
+    """
+    f, f_rate = _shortening(limits, knee, most, x, rate)
+    return (x, rate) if f == 1.0 else (f * x, f * rate + f_rate * x)
+
+
+def _shortening(
+    limits: np.ndarray, knee: float, most: float, x: np.ndarray, rate: np.ndarray
+) -> tuple[float, float]:
+    """Return the factor by which x (n) is shortened to |x_i| < most limits_i, and its rate.
+
+    It is one up to r = knee, r the norm of x / limits with the eighth power, which is slightly
+    above the largest entry. Beyond, it is g(r) / r, with g = knee + w tanh((r - knee) / w), w =
+    most - knee: twice continuously differentiable.
     """
     r = kernels.largest_share(x, limits)
     if r <= knee:
-        return x, rate
+        return 1.0, 0.0
     width = most - knee
     slope = ((x / limits / r) ** 7).dot(rate / limits)  # dr/dt
     t = math.tanh((r - knee) / width)
     f = (knee + width * t) / r
-    return f * x, f * rate + (1.0 - t * t - f) * slope / r * x
+    return f, (1.0 - t * t - f) * slope / r
