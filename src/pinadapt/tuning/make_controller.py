@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from math import isinf
 from typing import Any
 
@@ -297,7 +297,7 @@ def _tuned(
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
         gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
     make: Any = LAWS[law].tuned
-    made = partial(make, motion, dt, **gains)
+    made = cache(partial(make, motion, dt, **gains))
     share = 1.0
     if all(gains.get(name) is None for name in ("Kv", "Kp", "alpha")):
         share = stable_share_of_feedback(
