@@ -303,6 +303,6 @@ def test_whatever_force_closes_a_loop_drops_out():
     found = estimator.estimate(run(estimator, t, q, v, tau)[-1]).load
     assert found.mass == pytest.approx(OTHER.mass, rel=5e-3)
     log = pa.Log(t=t, q=q, v=v, tau=tau)
-    bodies = pa.identify(log, robot, unknown="payload", progress=False).robot.model.inertias
+    bodies = pa.identify(log, robot, unknown="payload").robot.model.inertias
     mass = sum(body.mass for body in bodies) - sum(one.mass for one in true.model.inertias)
     assert mass == pytest.approx(0.0, abs=5e-3 * OTHER.mass)

@@ -14,7 +14,7 @@ from tests.support.recorded import motion, torques
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "shortened"),
+    pytest.mark.usefixtures("blank_pictures", "offline"),
 ]
 
 MASS = 2.805
@@ -52,7 +52,7 @@ def identified(*, known, wrong):
     ]
     robot = catalogue_robot("panda")
     mass = MASS if known else None
-    return pa.identify(both[0], robot, empty=both[1], known_load=mass, unknown=TOLD, progress=False)
+    return pa.identify(both[0], robot, empty=both[1], known_load=mass, unknown=TOLD)
 
 
 def errors(found):
@@ -102,7 +102,7 @@ def test_a_load_that_the_torques_do_not_show_is_refused():
     """Half of it, and the load of the empty arm, as the logs are swapped."""
     robot = catalogue_robot("panda")
     both = (log(loaded=True), log(loaded=False))
-    given = {"unknown": TOLD, "progress": False}
+    given = {"unknown": TOLD}
     with pytest.raises(pa.ParameterError, match=r"known_load: .* the torques show 2\.8"):
         pa.identify(both[0], robot, empty=both[1], known_load=0.5 * MASS, **given)
     with pytest.raises(pa.ParameterError, match=r"the torques show -2\..*swapped"):

@@ -67,7 +67,7 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
     assert np.allclose(learned.position(true.q0), true.position(true.q0), atol=1e-4)
 
 
-def test_translations_are_identified_from_frames_alone():
+def test_translations_are_identified_from_frames_alone(offline):
     found = pa.identify(
         recorded("panda", duration=4.0),
         catalogue_robot("panda"),
@@ -98,7 +98,7 @@ def test_samples_with_nan_are_left_out_and_counted():
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_torques_without_gravity_are_detected_and_compensated():
+def test_torques_without_gravity_are_detected_and_compensated(offline):
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
@@ -116,7 +116,7 @@ def test_torques_without_gravity_are_detected_and_compensated():
     assert np.array_equal(by_options.tau, whole.log.tau)
 
 
-def test_late_torques_are_found_under_noise():
+def test_late_torques_are_found_under_noise(offline):
     """Noise of the measured rates would hide the lateness."""
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=5.0)
@@ -132,7 +132,7 @@ def test_late_torques_are_found_under_noise():
     assert "ms later than the positions" not in str(healthy)
 
 
-def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
+def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart(offline):
     """The first link of a Panda turns about the vertical: its mass moves no torque."""
     robot = catalogue_robot("panda")
     log = recorded("panda", noisy=True, duration=4.0)
@@ -149,7 +149,7 @@ def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
         pa.identify(log, robot, unknown=told, total_mass=-1.0)
 
 
-def test_masses_stay_within_stated_bounds():
+def test_masses_stay_within_stated_bounds(offline):
     robot = catalogue_robot("panda")
     log = recorded("panda", noisy=True, duration=4.0)
     told = pa.Unknown(tool=True, **TOLD)
@@ -166,20 +166,19 @@ def test_masses_stay_within_stated_bounds():
         pa.identify(log, robot, unknown=told, mass_bounds={"panda_joint33": (1.0, 2.0)})
 
 
-def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
+def test_a_load_that_the_arm_cannot_carry_is_no_explanation(offline):
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=4.0, seen=False)
     heavy = 0.6 * robot.mass
     loaded = robot.changed(payload=pa.Payload(heavy, (0.0, 0.0, 0.1)))
     _, q, v, a = motion("ur5", duration=4.0)
     told = pa.Unknown(tool=False, **TOLD)
-    doubtful = {"doubtful": True}
     log = replace(log, tau=torques(loaded, q, v, a))
-    found = pa.identify(log, robot, unknown=told, import_options=doubtful)
+    found = pa.identify(log, robot, unknown=told, import_options={"doubtful": True})
     assert "no load explains" in str(found) and found.summary()["payload"] is None
 
 
-def test_the_log_of_another_robot_is_doubted():
+def test_the_log_of_another_robot_is_doubted(offline):
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(
         link_translation={"elbow_joint": [0.0, 0.15, 0.0], "wrist_1_joint": [0.1, 0.0, -0.1]}

@@ -11,7 +11,7 @@ from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shortened")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("offline")]
 
 
 @cache
@@ -63,8 +63,8 @@ WORDS = {
 def test_effects_are_found_and_predict_the_held_out_torques():
     log, true = log_of_friction(noise=0.05, **EFFECTS)
     robot = catalogue_robot("ur5")
-    found = pa.identify(log, robot, progress=False)
-    plain = pa.identify(log, robot, unknown=["bodies", "friction"], progress=False)
+    found = pa.identify(log, robot)
+    plain = pa.identify(log, robot, unknown=["bodies", "friction"])
     assert {gain.words for gain in found.effects.gains} >= WORDS
     assert all(gain.share > 2.0 * gain.deviation for gain in found.effects.gains)
     assert len(found.effects.friction.shafts) == 1  # others would have negative friction
@@ -86,7 +86,7 @@ def test_effects_are_found_and_predict_the_held_out_torques():
 
 def test_no_effect_is_found_where_there_is_none():
     log, _ = log_of_friction()
-    found = pa.identify(log, catalogue_robot("ur5"), progress=False)
+    found = pa.identify(log, catalogue_robot("ur5"))
     assert len(found.effects.gains) <= 1  # of about a hundred, at two standard errors
     assert (found.effects.friction.breakaway == 1.0).sum() >= 5
     assert found.effects.friction.shafts == ()

@@ -14,7 +14,7 @@ from tests.support.recorded import motion
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "shortened"),
+    pytest.mark.usefixtures("offline"),
 ]
 
 LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.004))
@@ -63,7 +63,7 @@ def log_of_arm(seed, loaded=False, duration=9.0):
 def identified(seed):
     """Return what is identified from a log, the first one tested on the third."""
     test = () if seed else log_of_arm(2)
-    return pa.identify(log_of_arm(seed), catalogue_robot("ur5"), test=test, progress=False)
+    return pa.identify(log_of_arm(seed), catalogue_robot("ur5"), test=test)
 
 
 def test_two_logs_of_an_arm_agree_within_their_uncertainties():
@@ -111,7 +111,7 @@ def test_the_uncertainty_of_a_load_covers_wrong_torque_gains():
     )
     unknown = pa.Unknown(friction=True, armature=False)
     robot = catalogue_robot("ur5")
-    found = pa.identify(loaded, robot, empty=empty, unknown=unknown, progress=False)
+    found = pa.identify(loaded, robot, empty=empty, unknown=unknown)
     load = found.payload()
     assert abs(load.mass - LOAD.mass) < 2.0 * load.mass_known_to
     assert load.mass_known_to > 0.03 * LOAD.mass  # without gains: 2 %

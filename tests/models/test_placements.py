@@ -97,7 +97,7 @@ def test_a_turned_arm_is_followed_and_its_geometry_learned():
     true = wrong_arm(robot, np.random.default_rng(1))
     controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=4e-3)
     path = pa.reachable_circle(robot).starting_at(true.position(true.q0))
-    rollout = pa.simulate(true, controller, path, duration=1.0, progress=False)
+    rollout = pa.simulate(true, controller, path, duration=1.0)
     kinematics = controller.kinematics
     left = []
     for k in (25, -1):
