@@ -45,8 +45,8 @@ def loop(law, name, adaptation, **gains):
 def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.006, dt=1e-4)
-    energy.check(after=40)  # at first R rises from W = 0 within a few samples
+    energy = energy_along(true, controller, path, seconds=0.004, dt=1e-4)
+    energy.check(after=20)  # at first R rises from W = 0 within a few samples
 
 
 @pytest.mark.parametrize("adaptation", RATES)
@@ -67,14 +67,14 @@ def test_lyapunov_equality_with_friction_and_rotors(adaptation):
 
 PUBLISHED = {  # adaptation, step [s], largest errors [degrees] from 0, 1.5 and 3 s on, estimate
     "none": (
-        lambda: pa.adaptation.Frozen(),
+        pa.adaptation.Frozen,
         1.25e-2,
         [[13.5, 7.8], [12.5, 5.8], [9.2, 2.8]],
         np.zeros(4),
     ),
     "direct": (
         lambda: pa.adaptation.Gradient(0.03, 4),
-        3.125e-3,
+        6.25e-3,
         [[5.04, 1.15], [0.81, 1.15], [0.15, 0.07]],
         [0.1458, 0.0369, 0.0295, 0.0241],
     ),

@@ -67,7 +67,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, share):
         unknown=pa.Unknown(friction=False, armature=False),
     )
     with_share(controller, share)
-    energy = energy_along(true, controller, beside(true), seconds=0.01)
+    energy = energy_along(true, controller, beside(true), seconds=0.008)
     energy.check(after=10, moved=1e-6)
 
 

@@ -72,7 +72,7 @@ def test_an_object_is_found_and_squeezed():
     robot = holding()
     true = robot.changed(payload=OBJECT)
     controller = pa.make_controller(robot, unknown=UNKNOWN, dt=4e-3)
-    rollout = pa.simulate(true, controller, path(true, 0.05), duration=2.4)
+    rollout = pa.simulate(true, controller, path(true, 0.05), duration=1.8)
     assert rollout.distance.max() < 4e-3 and rollout.distance[-100:].max() < 1e-4
     body = robot.carriers[0] + 1
     found, truth = (each.model.inertias[body].mass for each in (rollout.learned(), true))

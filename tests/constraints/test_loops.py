@@ -138,7 +138,7 @@ def test_the_platform_of_a_delta_follows_with_wrong_inertias():
     robot = pa.load(DELTA, frame="tool")
     path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
     controller = pa.make_controller(robot.changed(inertial_scale=0.7), unknown=RIGID, dt=4e-3)
-    rollout = pa.simulate(robot, controller, path, duration=1.2)
+    rollout = pa.simulate(robot, controller, path, duration=0.9)
     assert rollout.distance[-75:].max() < 1e-4  # 2.2 mm without adaptation
 
 
@@ -156,6 +156,6 @@ def test_joints_under_constraints_follow_with_wrong_inertias():
         controller = pa.make_controller(
             model, unknown=RIGID, adaptation=adaptation, limits=pa.Limits(guards=False), dt=4e-3
         )
-        rollout = pa.simulate(robot, controller, path, duration=1.2)
+        rollout = pa.simulate(robot, controller, path, duration=0.9)
         ends.append(np.abs(rollout.distance[-75:]).max())
     assert ends[1] < 0.1 * ends[0]

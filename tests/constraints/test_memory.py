@@ -104,6 +104,6 @@ def test_a_load_is_found_in_spite_of_friction_in_the_joints():
     )
     unknown = pa.Unknown(bodies="payload", friction=True, armature=False)
     controller = pa.make_controller(robot, unknown=unknown, dt=2e-3)
-    run = pa.simulate(true, controller, Sway(robot), duration=1.7, engine="mujoco")
+    run = pa.simulate(true, controller, Sway(robot), duration=1.4, engine="mujoco")
     assert run.distance[-150:].max() < 1e-4
     assert run.a_d[-1, 0] == pytest.approx(true.model.inertias[6].mass, rel=0.01)

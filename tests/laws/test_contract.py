@@ -84,7 +84,7 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     controller = controller_of(law, believed, **rates)
     # what follows the filtered regressor rises from zero within a few samples
     rising = 10 if controller.adaptation_d.torque_bandwidth else 0
-    energy = energy_along(true, controller, beside(true, law), seconds=0.01)
+    energy = energy_along(true, controller, beside(true, law), seconds=0.008)
     energy.check(after=rising)
 
 

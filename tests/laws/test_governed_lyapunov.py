@@ -47,7 +47,7 @@ def test_the_equality_holds_while_the_path_is_slowed(law, name):
         return desired(state, motion, t)
 
     controller.desired = watched
-    energy = energy_along(true, controller, path, seconds=0.012, **start)
+    energy = energy_along(true, controller, path, seconds=0.008, **start)
     assert rates[0] == 1.0 and 0.05 < min(rates) < 0.9
     rising = 10 if controller.adaptation_d.torque_bandwidth else 0  # the memory, from nothing
     energy.check(after=rising)

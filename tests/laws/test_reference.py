@@ -17,10 +17,10 @@ PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 # kept with room to spare, end [s], further gains. The differences are largest in the first half of
 # a turn, after which the loops end; the filters need short steps.
 LOOPS = {
-    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 1.0, {}),
+    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 0.5, {}),
     "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 0.5, {}),
-    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 1.0, {}),
-    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 1.0, {"Q": 1.0}),
+    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 0.5, {}),
+    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 0.5, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 2e-4, 0.03, {}),
     "idc_ideal_first_30ms": ("adaptive-inverse-dynamics", "ideal", 2e-4, 0.03, {}),
 }

@@ -115,7 +115,7 @@ def begun(controller):
 @pytest.mark.parametrize("case", CASES)
 def test_equality_along_the_trajectory(case):
     true, controller, path = CASES[case]()
-    energy = energy_along(true, controller, path, seconds=0.01, dt=2.5e-4)
+    energy = energy_along(true, controller, path, seconds=0.00625, dt=2.5e-4)
     energy.check(after=begun(controller))
 
 
@@ -128,7 +128,7 @@ def test_equality_of_the_kinematic_part_from_a_wrong_observed_position(case):
         memory[: controller.kinematics.positions] += 0.01
         return state._replace(filters=state.filters._replace(memory=memory))
 
-    energy = energy_along(true, controller, path, seconds=0.01, begin=begin)
+    energy = energy_along(true, controller, path, seconds=0.006, begin=begin)
     check_kinematic_part(energy, controller, true)
 
 
@@ -137,7 +137,7 @@ def test_equality_with_a_reference_that_keeps_speeds():
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
     controller.law = controller.law.adjusted(speeds=speeds)
-    energy = energy_along(true, controller, path, seconds=0.01, dt=2.5e-4)
+    energy = energy_along(true, controller, path, seconds=0.00625, dt=2.5e-4)
     energy.check(after=begun(controller))
     plant = pa.plants.PinocchioPlant(true)
     state = controller.init(plant.measure())

@@ -66,7 +66,7 @@ def test_the_set_point_is_reached(law, name):
     true = unlike(robot)
     goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, dt=4e-3)
-    rollout = pa.simulate(true, controller, goal, duration=4.0)
+    rollout = pa.simulate(true, controller, goal, duration=3.2)
     assert rollout.diverged is None and rollout.distance[-125:].max() < 5e-4
     assert (rollout.a_k == rollout.a_k[0]).all()  # the kinematics are not learned
     alone = pa.make_controller(

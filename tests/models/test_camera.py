@@ -135,7 +135,7 @@ def test_lyapunov_equality_with_an_unknown_camera(name, count):
     rng = np.random.default_rng(0)
     start = start + 0.05 * controller.kinematics.sizes * rng.standard_normal(start.size)
     energy = energy_along(
-        true, controller, circle_of(true).as_given(), seconds=0.012, dt=2e-4, a_k=start
+        true, controller, circle_of(true).as_given(), seconds=0.008, dt=2e-4, a_k=start
     )
     energy.check()
 

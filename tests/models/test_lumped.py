@@ -162,7 +162,7 @@ def test_lyapunov_equality(law, adaptation):
             * controller.adaptation_d.gain(pa.adaptation.Estimate(controller.dynamics.initial)),
         )
     assert controller.dynamics.size == 56
-    energy = energy_along(true, controller, path, seconds=0.012, dt=6e-4)
+    energy = energy_along(true, controller, path, seconds=0.009, dt=6e-4)
     energy.check()
 
 

@@ -151,7 +151,7 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
         R = turned(state.filters.R, off * np.array([0.3, -0.2, 0.4]))
         return state._replace(filters=state.filters._replace(R=R))
 
-    energy = energy_along(true, controller, path, seconds=0.012, dt=3e-4, begin=begin)
+    energy = energy_along(true, controller, path, seconds=0.0075, dt=3e-4, begin=begin)
     energy.check(within=1e-5)
     check_kinematic_part(energy, controller, true)
 

@@ -255,8 +255,9 @@ def same(one, other):
 def test_file_python_and_set_are_the_same(table, given, tmp_path):
     tables = tables_with(table, given)
     (tmp_path / "all.toml").write_text(tomlkit.dumps(tables))
-    base = {name: part for name, part in tables.items() if name != table or name in BASE}
-    base = {name: dict(BASE.get(name, part)) for name, part in base.items()}
+    base = {
+        name: BASE.get(name, part) for name, part in tables.items() if name != table or name in BASE
+    }
     (tmp_path / "base.toml").write_text(tomlkit.dumps(base))
     settings = [f"{table}.{name}={written(value)}" for name, value in toml(given).items()]
     assert read_tables(tmp_path / "base.toml", settings) == read_tables(tmp_path / "all.toml")

@@ -42,7 +42,7 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters():
         robot, law="resolved-acceleration", unknown=pa.Unknown(tool=False)
     )
     rollout = pa.simulate(
-        robot, controller, path, duration=2.0, engine=pa.Engine(dt=4e-3, continuous=True)
+        robot, controller, path, duration=1.4, engine=pa.Engine(dt=4e-3, continuous=True)
     )
     assert np.isclose(rollout.angle[0], angle) and np.isclose(
         rollout.distance[0], np.linalg.norm([0.02, -0.01, 0.03])
