@@ -22,7 +22,7 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys, blank_pictures):
     scope = {}
     for block in blocks("quickstart"):
         if "while True" not in block:  # the loop of an arm, see below
-            exec(re.sub(r"duration=[45]\.0", "duration=1.2", block), scope)
+            exec(re.sub(r"duration=[45]\.0", "duration=0.9", block), scope)
     for name in ("rollout", "wave", "legs"):
         assert scope[name].summary()["max_error_last"] < 1e-3
     assert (tmp_path / "out" / "error.png").is_file()

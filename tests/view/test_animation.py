@@ -38,11 +38,11 @@ def animated(name):
 
 
 def test_a_page_shows_both_robots_paths_and_curves():
-    rollout, animation = animated("panda")
+    rollout, animation = animated("xarm7")
     commands, notes = messages(animation)
     assert ("set_object", "/meshcat/paths/true") in commands
     copies = [note["copy"] for note in notes if "copy" in note]
-    shapes = catalogue_robot("panda").visual.geometryObjects
+    shapes = catalogue_robot("xarm7").visual.geometryObjects
     assert sum(copy["ghost"] for copy in copies) == len(shapes)
     readings = [note["reading"] for note in notes if "reading" in note]
     assert readings[0]["t"] == 0.0 and readings[-1]["t"] == pytest.approx(rollout.t[-1])
@@ -113,7 +113,7 @@ MEASURED = """<script>const waits = setInterval(() => {
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_a_browser_shows_a_page_with_meshes_and_no_panel_covers_robot_or_path(tmp_path):
-    page = animated("panda")[1].save(tmp_path / "page.html")
+    page = animated("xarm7")[1].save(tmp_path / "page.html")
     page.write_text(page.read_text().replace("</body>", MEASURED + "</body>"))
     done = browsed(page, tmp_path)
     check_shown(done)
