@@ -205,8 +205,13 @@ def parts(tables: Tables) -> Tables:
     }
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
-        of_class = is_dataclass(make)
-        found[name] = made(make, table, name) if of_class else read(table, name, make, names)
+        if name in ("unknown", "engine") and not isinstance(table, Mapping):
+            with located(name):
+                found[name] = make.of(table)  # type: ignore[attr-defined]
+        elif is_dataclass(make):
+            found[name] = made(make, table, name)
+        else:
+            found[name] = read(table, name, make, names)
     if "source" not in found["robot"]:
         raise _required("robot.source")
     for key, allowed in _WORDS.items():
