@@ -157,7 +157,8 @@ def make_controller(
     elastic = 0.5 * elastic_mode(robot, applied.actuators) / (tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
-        tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
+        lambda_s = gains.get("lambda_s") or settings.decorrelation
+        tuned = tuned.adjusted(lambda_s=lambda_s, lead=1.0 / settings.velocity)
     if applied.governor is not None and getattr(tuned, "speeds", None) is None:
         tuned = tuned.adjusted(speeds=applied.governor.velocity)
     tuning = Tuning(tuned, motion, w, dt, quality, settings, gains | rates, unknown.lmi)
