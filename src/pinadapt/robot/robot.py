@@ -267,7 +267,9 @@ class Robot(Printed):
         off = np.abs(angles - np.clip(angles, *position_limits(self.model))) > ROUNDING
         if off.any():
             outside = ", ".join(np.array(self.joint_names)[off])
-            warnings.warn(f"q0 or a rest pose is outside the joint limits of {outside}.", stacklevel=2)
+            warnings.warn(
+                f"q0 or a rest pose is outside the joint limits of {outside}.", stacklevel=2
+            )
         return replace(self, q0=configuration_from_angles(self.model, angles))
 
     def changed(
