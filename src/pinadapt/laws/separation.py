@@ -126,9 +126,10 @@ class Separation(Law):
             K_D = K_v. V is the same for any K_D > 0, which may change in time.
         dynamics: with the estimated mass matrix, where there is a lag.
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
-        speeds: (n) limits that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: no
-            limits. With a governor they are those of the path. V has the same derivative with any
-            differentiable qd_r. While the feedback would exceed them, the path waits.
+        speeds: (n) limits that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``, and near
+            singularities the feedback in u, see ``RightInverse.feedback``; None: no limits. With a
+            governor they are those of the path. V has the same derivative with any differentiable
+            qd_r. While the feedback would exceed them, the path waits.
         lever: length that makes a turn count as a way in the observation error of a pose in the
             axes of a tracker [m]; zero: no orientation is observed, the measured one is taken.
     """
