@@ -21,6 +21,7 @@ from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..description.chain import angles_from_configuration, position_limits
 from ..exceptions import ContactError, DivergedError, InputError, PinadaptError
 from ..filters import FilteredRegressor, FilteredTorque
+from ..laws.fast_feedback import FastFeedback
 from ..laws.law import Command, EstimatedModel, Law
 from ..laws.posture import Posture
 from ..models.delay_compensation import SensedState
@@ -78,7 +79,7 @@ class Controller:
 
     def __init__(
         self,
-        law: Law,
+        law: Law | FastFeedback,
         kinematics: TaskKinematics,
         dynamics: Dynamics,
         *,
@@ -769,7 +770,7 @@ class Controller:
         s.stands = None if feet is None else feet.stands
         s.missed = FEASIBLE
         if feet is not None and kinematics.constraints is not None:
-            alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
+            alpha = self.law.alpha  # type: ignore[union-attr]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
         s.xd_hat = kinematics.xd_hat
         s.xd_d = xd_d

@@ -9,21 +9,20 @@ import numpy as np
 
 from .._checks import instance, joint_numbers, take_checked
 from ..exceptions import GainError, InputError, MeasurementError, RobotError
-from ..filters import Filters
 from ..models.typical_motion import joint_inertia
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import JointTask
-from .law import Command, EstimatedModel, Law, Truth
+from .law import Command, EstimatedModel, Law
 
 # of the motor's inertia over the period, at most; half: springs ring; twice: the same
 _STEP = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class FastFeedback(Law):
-    """Fast feedback for elastic joints, around any law.
+class FastFeedback:
+    """Fast feedback for elastic joints, around any law; all but the torque is that law's.
 
     F. Ghorbel, J. Y. Hung, M. W. Spong, *Adaptive control of flexible-joint manipulators*, IEEE
     Control Systems Magazine 9(7) (1989) 9-13.
@@ -66,18 +65,16 @@ class FastFeedback(Law):
     sources = ("GhorbelHungSpong1989",)
 
     def __post_init__(self) -> None:
-        """Check the gain; state of itself what the law states."""
+        """Check the gain, and add to the name and the sources of the law."""
         instance(self.law, Law | str, "law")
         if self.gain is not None:
             take_checked(self, joint_numbers, "", "gain", zero=False, error=GainError)
         if isinstance(self.law, Law):
-            for name in _STATED:
-                object.__setattr__(self, name, getattr(self.law, name))
             object.__setattr__(self, "name", f"{self.law.name}, {type(self).name}")
             object.__setattr__(self, "sources", (*type(self).sources, *self.law.sources))
 
     def __getattr__(self, name: str) -> Any:
-        """Return a gain or another attribute of the law.
+        """Return a gain, a method or another attribute of the law.
 
         Raises:
             AttributeError: it has none of this name.
@@ -134,30 +131,3 @@ class FastFeedback(Law):
             raise MeasurementError("w", None, "is missing, and fast feedback needs it")
         found = self.law.command(s, model)
         return replace(found, torque=found.torque + self.gain * (s.v - s.w))
-
-    @property
-    def filters(self) -> Filters:
-        """The law's memory besides its estimates."""
-        return self.law.filters
-
-    def storage(self, s: Signals, truth: Truth) -> float:
-        """Return V of the law, without the parts of the parameters."""
-        return self.law.storage(s, truth)
-
-    def dissipation(self, s: Signals, truth: Truth) -> float:
-        """Return dV/dt of the law, where link and motor move alike."""
-        return self.law.dissipation(s, truth)
-
-
-_STATED = [
-    "parameter_effects",
-    "feedback",
-    "kinematic_loop",
-    *(
-        name
-        for name, value in vars(Law).items()
-        if isinstance(value, bool | float | str | tuple | dict | None)
-        and not name.startswith("_")
-        and name != "sources"
-    ),
-]

@@ -69,7 +69,7 @@ from .unknowns import (
 def make_controller(
     robot: Robot,
     *,
-    law: str | Law = DEFAULT,
+    law: str | Law | FastFeedback = DEFAULT,
     adaptation: str | Adaptation | None = None,
     kinematic_adaptation: str | Adaptation | None = None,
     modifications: Given = None,
