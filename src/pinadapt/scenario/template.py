@@ -98,7 +98,7 @@ class Template:
         if self.tracker or self.filmed:
             robot.check_single_frame()
         if self.contacts:
-            ConstraintForces(robot, None)  # refuses those that cannot hold it
+            ConstraintForces(robot)  # refuses those that cannot hold it
         return robot
 
     @cached_property
