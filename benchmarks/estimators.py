@@ -88,7 +88,7 @@ def simulated(*, comes_and_goes: bool) -> tuple[pa.Log, pa.Robot]:
 def identified(at: LearningProblem, unknown: pa.Unknown | None) -> tuple[Estimates, float]:
     """Return what ``identify`` finds, and its error; with effects of its own choice by default."""
     started = process_time()
-    found = pa.identify(at.log, at.robot, unknown=unknown, progress=False)
+    found = pa.identify(at.log, at.robot, unknown=unknown)
     seconds = process_time() - started
     size = at.dynamics.inertial.size
     a = found.before_split

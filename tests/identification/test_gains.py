@@ -14,7 +14,7 @@ from tests.support.recorded import motion, torques
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("blank_pictures", "offline"),
+    pytest.mark.usefixtures("blank_pictures", "shortened"),
 ]
 
 MASS = 2.805

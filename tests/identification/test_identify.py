@@ -67,7 +67,7 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
     assert np.allclose(learned.position(true.q0), true.position(true.q0), atol=1e-4)
 
 
-def test_translations_are_identified_from_frames_alone(offline):
+def test_translations_are_identified_from_frames_alone():
     found = pa.identify(
         recorded("panda", duration=4.0),
         catalogue_robot("panda"),
@@ -98,7 +98,7 @@ def test_samples_with_nan_are_left_out_and_counted():
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_torques_without_gravity_are_detected_and_compensated(offline):
+def test_torques_without_gravity_are_detected_and_compensated():
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
@@ -116,7 +116,7 @@ def test_torques_without_gravity_are_detected_and_compensated(offline):
     assert np.array_equal(by_options.tau, whole.log.tau)
 
 
-def test_late_torques_are_found_under_noise(offline):
+def test_late_torques_are_found_under_noise():
     """Noise of the measured rates would hide the lateness."""
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=5.0)
@@ -132,7 +132,7 @@ def test_late_torques_are_found_under_noise(offline):
     assert "ms later than the positions" not in str(healthy)
 
 
-def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart(offline):
+def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
     """The first link of a Panda turns about the vertical: its mass moves no torque."""
     robot = catalogue_robot("panda")
     log = recorded("panda", noisy=True, duration=4.0)
@@ -149,7 +149,7 @@ def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart(offline):
         pa.identify(log, robot, unknown=told, total_mass=-1.0)
 
 
-def test_masses_stay_within_stated_bounds(offline):
+def test_masses_stay_within_stated_bounds():
     robot = catalogue_robot("panda")
     log = recorded("panda", noisy=True, duration=4.0)
     told = pa.Unknown(tool=True, **TOLD)
@@ -166,7 +166,7 @@ def test_masses_stay_within_stated_bounds(offline):
         pa.identify(log, robot, unknown=told, mass_bounds={"panda_joint33": (1.0, 2.0)})
 
 
-def test_a_load_that_the_arm_cannot_carry_is_no_explanation(offline):
+def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
     robot = catalogue_robot("ur5")
     log = recorded("ur5", duration=4.0, seen=False)
     heavy = 0.6 * robot.mass
@@ -178,7 +178,7 @@ def test_a_load_that_the_arm_cannot_carry_is_no_explanation(offline):
     assert "no load explains" in str(found) and found.summary()["payload"] is None
 
 
-def test_the_log_of_another_robot_is_doubted(offline):
+def test_the_log_of_another_robot_is_doubted():
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(
         link_translation={"elbow_joint": [0.0, 0.15, 0.0], "wrist_1_joint": [0.1, 0.0, -0.1]}
@@ -191,7 +191,7 @@ def test_the_log_of_another_robot_is_doubted(offline):
 
 
 def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pinadapt.identification.identification._TIMES", 20)
+    monkeypatch.setattr("pinadapt.identification.report._TIMES", 20)
     robot = catalogue_robot("ur5")
     moved = recorded("ur5", duration=4.0)
     log = tmp_path / "log.npz"

@@ -11,7 +11,7 @@ from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("offline")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shortened")]
 
 
 @cache

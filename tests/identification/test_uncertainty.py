@@ -14,7 +14,7 @@ from tests.support.recorded import motion
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("offline"),
+    pytest.mark.usefixtures("shortened"),
 ]
 
 LOAD = pa.Payload(2.805, (0.01, -0.02, 0.09), (0.006, 0.0, 0.006, 0.0, 0.0, 0.004))
@@ -91,9 +91,7 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
 
 
 def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
-    found = pa.identify(
-        log_of_arm(5, loaded=True), catalogue_robot("ur5"), empty=log_of_arm(0), progress=False
-    )
+    found = pa.identify(log_of_arm(5, loaded=True), catalogue_robot("ur5"), empty=log_of_arm(0))
     load = found.payload()
     assert load.mass == pytest.approx(LOAD.mass, abs=0.15)
     assert abs(load.mass - LOAD.mass) < 2.5 * load.mass_known_to

@@ -15,22 +15,20 @@ from .._checks import name_list, positive
 from ..controller.controller import Controller
 from ..controller.limits import SLIP, Limits
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import Averages, MeasuredMotion, evenly
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import Source, read_log
 from ..logs.import_options import ImportOptions, Options
 from ..logs.log import Log, in_sequence, joined
 from ..models.joint_effects import KINDS
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST
-from ..records import Measurement
 from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
-from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown, UnknownLike, nominal_dynamics
-from .estimator import Estimate, Estimator
+from .estimator import Estimator
 from .fits import (
     Windows,
     bounds_of_masses,
@@ -48,7 +46,6 @@ from .torque_check import check_torques, on_wall
 # windows, both in the fitted and in the held-out part; half, twice: shorter and longer logs refused
 _FEWEST = 4
 _PAUSE = 5.0  # [s] between logs: longer than any window, whatever it is; half, twice: the same
-_TIMES = 20  # at which estimates are asked for, for the picture: half, twice as many points
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -63,17 +60,15 @@ def identify(
     known_load: float | None = None,
     mass_bounds: Mapping[str, tuple[float, float]] | None = None,
     import_options: Options | None = None,
-    progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
 
     The result is the least-squares estimate over the whole log in the physical cone, see
     ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found.
     Effects of the joints beside viscous and Coulomb friction, and rotor inertias, are chosen by
-    cross-validation in the learning part, see ``choose_effects``. An ``Estimator`` also runs
-    through the log sample by sample, as it would on the robot. The last
-    quarter of the log is held out once, to measure how well the rest predicts it. Before anything
-    is learned, ``check_torques`` compares the torques with the description.
+    cross-validation in the learning part, see ``choose_effects``. The last quarter of the log is
+    held out once, to measure how well the rest predicts it. Before anything is learned,
+    ``check_torques`` compares the torques with the description.
 
     Of a robot with constraints, whose contacts all hold, only what no constraint force changes is
     compared; units and signs are not checked, and no effects are chosen.
@@ -97,7 +92,6 @@ def identify(
             the log alone would put beyond is put there, to a thousandth.
         import_options: how all logs are to be read, ``ImportOptions``, their fields or a TOML
             file; by default, each by the file beside it.
-        progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
         LogError: a log that cannot be used, or is given twice.
@@ -237,7 +231,6 @@ def identify(
         effects=effects,
         position_before_split=position_fit(kinematics, seen.between(last=split)).estimate,
         estimator=estimator,
-        online=_online(estimator, motion, split, progress),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         gains=gains,
@@ -245,32 +238,6 @@ def identify(
         stated=weighed,
         import_options=all_options[0],
     )
-
-
-def _online(
-    estimator: Estimator, motion: MeasuredMotion, split: float, progress: Progress | bool | None
-) -> dict[float, Estimate]:
-    """Return estimates by their times [s]: some for a picture, and the last one before a split.
-
-    Args:
-        estimator: whose torques are those of the instant.
-        motion: with N samples.
-        split: time [s] from which on the motion is held out.
-        progress: as of ``simulate``.
-    """
-    measured = [
-        Measurement(t, q, v, tau=tau)
-        for t, q, v, tau in zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
-    ]
-    stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
-    state = estimator.init(measured[0])
-    last = None
-    found = {}
-    for k in watched(range(1, len(measured)), progress, "online"):
-        state = estimator.step(state, measured[k])
-        if k in stops:
-            found[state.t] = last = estimator.estimate(state, last)
-    return found
 
 
 def _check_contacts(robot: Robot, motion: MeasuredMotion) -> None:

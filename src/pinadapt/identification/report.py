@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .._output import Printed, Report, Table, as_json, html_page, write_json, write_text
 from .._version import __version__
@@ -21,7 +22,7 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..information.information import CERTAIN, Excitation, Information, lateness
-from ..information.measured_motion import Averages, MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion, evenly
 from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
@@ -33,7 +34,9 @@ from ..information.payload import (
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.excited import rms
+from ..records import Measurement
 from ..robot.robot import Robot
+from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .estimator import Estimate as OnlineEstimate
 from .estimator import Estimator
@@ -41,6 +44,7 @@ from .fits import GAIN, TINY, Windows, lasting_noise, torque_information
 from .selection import ChosenEffects
 from .torque_check import HEAVIEST, TorqueCheck
 
+_TIMES = 20  # at which estimates are asked for, for the picture: half, twice as many points
 FILES = (
     "torque.png",
     "parameters.png",
@@ -113,7 +117,6 @@ class Identification(Printed):
         before_split: (p_d) the dynamic parameters from the log before ``split``.
         position_before_split: (p_k) the translations from it.
         estimator: of the online estimates.
-        online: time [s] -> estimate of it then, the last one before ``split`` among them.
         unknown: what was identified. A controller with the same parameters is
             ``make_controller(found.robot, unknown=found.unknown)``.
         stated: equations that were stated beside the log, such as a total mass, see ``torque_fit``.
@@ -137,7 +140,6 @@ class Identification(Printed):
     before_split: np.ndarray
     position_before_split: np.ndarray
     estimator: Estimator
-    online: dict[float, OnlineEstimate]
     unknown: Unknown
     stated: np.ndarray
     effects: ChosenEffects | None
@@ -224,6 +226,14 @@ class Identification(Printed):
     def torque_errors(self) -> Errors:
         """Errors of the window-averaged torques of the joints (n) [N m or N]."""
         return self._errors(self.windows, self.described_parameters, self.before_split)
+
+    @cached_property
+    def online(self) -> dict[float, OnlineEstimate]:
+        """Estimates by their times [s], as on the robot, the last one before ``split`` among them.
+
+        The estimator runs through the log sample by sample when this is asked for.
+        """
+        return _online(self.estimator, self.motion, self.split)
 
     @cached_property
     def online_held_out(self) -> np.ndarray:
@@ -534,3 +544,29 @@ class Identification(Printed):
                 ),
                 parameters=parameter_figure(online),
             )
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def _online(
+    estimator: Estimator, motion: MeasuredMotion, split: float
+) -> dict[float, OnlineEstimate]:
+    """Return estimates by their times [s]: some for a picture, and the last one before a split.
+
+    Args:
+        estimator: whose torques are those of the instant.
+        motion: with N samples.
+        split: time [s] from which on the motion is held out.
+    """
+    measured = [
+        Measurement(t, q, v, tau=tau)
+        for t, q, v, tau in zip(motion.t.tolist(), motion.q, motion.v, motion.tau, strict=True)
+    ]
+    stops = {*evenly(len(measured), _TIMES), np.searchsorted(motion.t, split) - 1}
+    state = estimator.init(measured[0])
+    last = None
+    found = {}
+    for k in watched(range(1, len(measured)), None, "online"):
+        state = estimator.step(state, measured[k])
+        if k in stops:
+            found[state.t] = last = estimator.estimate(state, last)
+    return found
