@@ -28,7 +28,7 @@ from ..models.dynamics import Dynamics
 from ..models.excited import scales
 from ..models.joint_effects import ALL
 from ..robot.robot import Robot
-from ..simulation.simulate import Progress, watched
+from ..simulation.simulate import watched
 from ..trajectories.periodic import FourierSeries
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .allowance import Allowance, Shapes, States
@@ -56,7 +56,7 @@ def excite(
     srdf: Path | str | None = None,
     floor: float | None = None,
     seed: int = 0,
-    progress: Progress | bool | None = None,
+    progress: bool | None = None,
 ) -> ExcitingMotion:
     """Find a motion of the joints that identifies unknown dynamic parameters, within all limits.
 

@@ -22,7 +22,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
 from ..simulation.loop import Events
-from ..simulation.simulate import Progress, findings, simulate
+from ..simulation.simulate import findings, simulate
 from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
@@ -162,7 +162,7 @@ class Scenario:
         """Return the warnings of the pre-run check of period, sensors and motors."""
         return findings(self.true, self.controller, self.engine, self.sensors)
 
-    def run(self, progress: Progress | bool | str | None = None) -> Rollout:
+    def run(self, progress: bool | str | None = None) -> Rollout:
         """Run the closed loop, with ``progress`` as in ``simulate``.
 
         Raises:

@@ -39,29 +39,24 @@ from ..tuning.preflight import preflight, sensor_findings
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
 
-Progress = Callable[[range], Iterable[int]]
-
 _START = ("a_k", "a_d", "information", "information_k")
 _MOST = 1e7  # samples of a run, some 20 minutes of computation; half or twice: of as much
 
 
-def watched(indices: range, progress: Progress | bool | str | None, title: str) -> Iterable[int]:
+def watched(indices: range, progress: bool | str | None, title: str) -> Iterable[int]:
     """Return the indices of a run's samples, with a bar that grows as they are taken.
 
     Args:
         indices: of the samples.
         progress: None: a bar where standard error is a terminal, and nothing elsewhere; True: a bar
-            everywhere, in a notebook as a widget; False: none; or a function that wraps the
-            indices.
+            everywhere, in a notebook as a widget; False: none.
         title: stands in front of the bar.
 
     Raises:
         InputError: none of these.
     """
-    if callable(progress):
-        return progress(indices)
     if not isinstance(progress, bool | None):
-        raise InputError(f"expected True, False or a function, got {progress!r}.", where="progress")
+        raise InputError(f'expected True, False or "live", got {progress!r}.', where="progress")
     terminal = sys.stderr is not None and sys.stderr.isatty()  # a windowed program has none
     if not (terminal if progress is None else progress):
         return indices
@@ -83,7 +78,7 @@ def simulate(
     seed: int = 0,
     record_every: int = 1,
     title: str = "",
-    progress: Progress | bool | str | None = None,
+    progress: bool | str | None = None,
 ) -> Rollout:
     """Let a controller drive the true robot from its home, at rest.
 
@@ -113,7 +108,7 @@ def simulate(
         title: of the rollout.
         progress: None: a bar on a terminal, none elsewhere; True: a bar everywhere, a widget in a
             notebook; False: none; "live": show the run in a browser while it goes on, at most in
-            real time, as ``LiveView``; or what wraps the range of samples, as ``tqdm`` does.
+            real time, as ``LiveView``.
 
     Raises:
         InputError: anything that cannot be run; a loop that diverges is no error, see
