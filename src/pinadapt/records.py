@@ -271,9 +271,10 @@ class Sensors:
 
     @property
     def perfect(self) -> bool:
-        """Whether q, v and x are measured at every sample, at once and without error."""
+        """Whether q, v and x alone are measured, at every sample, at once and without error."""
         noisy = any(np.any(each) for each in (self.encoder, *self.noise.values()))
-        return self.camera in (None, Camera()) and not noisy and self.imu is None
+        beside = self.imu, self.torque_offset
+        return self.camera in (None, Camera()) and not noisy and beside == (None, None)
 
     def quality(self, nv: int, dt: float) -> SensorQuality:
         """Return the sizes on which filters and rates depend.

@@ -127,10 +127,11 @@ def test_only_pose_tasks_have_angle_noise(task):
 
 def test_measured_torques_are_those_of_the_last_period():
     robot = load("ur5")
-    noise = {"tau": 1e-9}
-    controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(noise=noise))
+    declared = pa.Sensors(noise={"tau": 0.0}, torque_offset=1e-9)
+    assert not declared.perfect
+    controller = pa.make_controller(robot, adaptation="natural", sensors=declared)
     plant = pa.plants.PinocchioPlant(robot)
-    sensors = pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise=noise))
+    sensors = pa.plants.SimulatedSensors(robot, DT, declared)
     samples = list(
         pa.run(plant, controller, pa.reachable_circle(robot), duration=0.05, sensors=sensors)
     )

@@ -100,7 +100,7 @@ class SimulatedSensors:
             torque: (nv) torque that the motors applied in the last period [N m or N]; None before
                 the first period.
         """
-        if torque is not None and self._tau.any():
+        if torque is not None and "tau" in self.sensors.noise:
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
             truth = truth._replace(tau=torque + self._off + noise)
         q = truth.q
