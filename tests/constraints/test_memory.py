@@ -83,7 +83,9 @@ def test_filters_begin_anew_where_a_foot_is_lifted():
 
 
 def test_a_free_base_has_no_friction_and_no_rotors():
-    robot = standing("a1")
+    robot = standing("a1").changed(coulomb=3.0, armature=0.1)
+    assert np.array_equal(robot.friction.coulomb, 3.0 * robot.motors)
+    assert np.array_equal(robot.model.armature, 0.1 * robot.motors)
     effects = JointEffects(robot)
     assert effects.size == 3 * 12
     assert not any(name.startswith("base") for name in effects.names)

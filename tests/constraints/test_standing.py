@@ -336,8 +336,7 @@ def test_an_announced_load_is_that_of_the_trunk_and_a_safe_torque_holds_the_robo
 
 def test_a_robot_that_stands_with_friction_in_its_joints_rests():
     robot = standing("a1")
-    friction = np.append(np.zeros(6), np.full(robot.model.nv - 6, 3.0))
-    plant = pa.plants.PinocchioPlant(robot.changed(coulomb=friction))
+    plant = pa.plants.PinocchioPlant(robot.changed(coulomb=3.0))
     controller = pa.make_controller(robot, unknown=TRUNK)
     torque, _ = controller.safe(controller.init(plant.measure()), plant.measure())
     for _ in range(50):

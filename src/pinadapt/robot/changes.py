@@ -22,6 +22,7 @@ from .._checks import (
     whole,
     word,
 )
+from ..description.floating_base import BASE_JOINTS
 from ..exceptions import InputError, RobotError
 
 
@@ -116,10 +117,10 @@ def per_joint(
     """Return one number for each joint (n), given so, one for all, or by some of their names.
 
     Args:
-        given: numbers; None: the default.
+        given: numbers; None: the default. One for all is not of the six joints of a free base.
         names: of the joints.
         where: the argument that is checked, for the message.
-        default: of the joints that are not named.
+        default: of the joints that are not meant.
         error: of a number that cannot be used.
 
     Raises:
@@ -130,7 +131,11 @@ def per_joint(
         for name in given:
             word(name, names, where)
         given = [given.get(name, default) for name in names]
-    return vector(default if given is None else given, len(names), where, names=names, error=error)
+    given = default if given is None else given
+    every = vector(given, len(names), where, names=names, error=error)
+    if np.ndim(given) == 0:
+        every[np.isin(names, BASE_JOINTS)] = default
+    return every
 
 
 def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None:
@@ -256,8 +261,8 @@ class Friction:
     sigma is a smoothed sign: it rises within ``threshold``, and near rest it may be larger
     (Stribeck) or smaller than at speed. The torques of ``shafts`` are added.
 
-    Each is one number for all joints, one per joint (nv), or joint name -> number, the others as by
-    default; ``Robot.changed`` turns them into (nv).
+    Each is one number for all joints but those of a free base, one per joint (nv), or joint name ->
+    number, the others as by default; ``Robot.changed`` turns them into (nv).
 
     Attributes:
         viscous: (nv) N m s/rad or N s/m.

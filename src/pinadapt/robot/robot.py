@@ -298,6 +298,8 @@ class Robot(Printed):
             coulomb: friction, number or (nv) [N m or N]; None: unchanged.
             friction: all of the joints' friction, before ``viscous`` and ``coulomb`` are set.
 
+        A number of these is of all joints but the six of a free base, which have no motors.
+
         Raises:
             RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
         """
@@ -322,7 +324,8 @@ class Robot(Printed):
             shift = vector(given, 3, where, error=RobotError, fills=False)
             placement.translation += placement.rotation @ shift
         if armature is not None:
-            model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
+            rotors = changes.per_joint(armature, self.joint_names, "armature", 0.0, RobotError)
+            model.armature = joint_numbers(rotors, "armature", error=RobotError)
         drag = self.friction if friction is None else friction
         drag = instance(drag, Friction, "friction", RobotError)
         drag = replace(
