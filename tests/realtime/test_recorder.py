@@ -50,9 +50,9 @@ def run(tmp_path_factory):
             40: ("load", {"mass": 0.5}),
             60: ("hold", None),
             61: ("fly", None),
-            135: ("reference", {"kind": "hold"}),
+            130: ("go", None),  # the path comes to rest at 135
+            140: ("reference", {"kind": "hold"}),
             150: ("adapt", False),
-            155: ("go", None),
             160: ("frame", {"x": robot().position(m.q).tolist(), "age": 0.0}),
         }
         if cycle in commands:
@@ -83,6 +83,7 @@ def run(tmp_path_factory):
 
 def test_every_cycle_is_in_the_log(run):
     path, _, loop, ending, _ = run
+    assert any("go: not" in note and "before the path rests" in note for note in ending.notes)
     log = CycleLog.read(path)
     assert log.whole and len(log) == ending.cycles and log.about["by"] == "test"
     t = log.cycles.t

@@ -601,6 +601,8 @@ class RealtimeLoop:
         """
         begun = self._phase is not Phase.STARTING
         moving = self._phase is Phase.RUNNING and self.stage not in (Stage.LOG, Stage.GRAVITY)
+        path = self._path if self._halted else None
+        place, rate, _ = path.law.at(self._now) if isinstance(path, Retimed) else (0.0, 1.0, 0.0)
         if name == "latch":
             self._checks.latched = str(value or "set by the operator")
         elif name == "adapt":
@@ -629,16 +631,16 @@ class RealtimeLoop:
             self._say(f"load announced: {value}")
         elif name == "hold" and moving:
             self._enter(Phase.HOLDING, "commanded", commanded=True)
-        elif name == "go" and self._halted and isinstance(self._path, Retimed):
-            self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
-        elif name == "reference" and self._halted:
+        elif name == "go" and isinstance(path, Retimed) and not rate:
+            self._go(path.motion, place, "commanded")
+        elif name == "reference" and not rate:
             stands = self._state.stands
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             instance(value, Trajectory, name)
             self._go(value, 0.0, f"new reference, {value!r}")
         else:
-            held = ", or before `hold`" if name == "reference" else ""
+            held = ", or before the path rests by `hold`" if name in ("go", "reference") else ""
             raise InputError(
                 f"not while {self._phase.name.lower()} at stage '{self.stage.value}'{held}.",
                 where=name,
