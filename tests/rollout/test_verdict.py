@@ -35,18 +35,20 @@ def test_a_path_as_long_as_rounding_is_a_point(rollout):
 
 
 @pytest.mark.parametrize(
-    ("last", "grade"),
-    [(0.00099, FOLLOWS), (0.00101, ROUGHLY), (0.0099, ROUGHLY), (0.0101, LOST), (6.0, LOST)],
+    ("share", "grade"),
+    [(0.0198, FOLLOWS), (0.0202, ROUGHLY), (0.198, ROUGHLY), (0.202, LOST), (120.0, LOST)],
 )
-def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grade):
+def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, share, grade):
+    """To the piece of the circle that ran."""
+    last = 0.5 * share * np.linalg.norm(np.ptp(rollout.x_d, axis=0))
     judged = with_error(rollout, last, last)
     assert judged.grade == grade and judged.verdict.startswith(f"{grade}: ")
-    assert judged.error_share == pytest.approx(last / 0.05)
+    assert judged.error_share == pytest.approx(share)
     summary = judged.summary()
     assert (summary["verdict"], summary["error_share"]) == (judged.verdict, judged.error_share)
     assert str(judged).endswith(f"\n\n{judged.verdict}")
     row = comparison_table([judged]).splitlines()[-1]
-    assert row.endswith(grade) and f"{100 * last / 0.05:.2f}" in row
+    assert row.endswith(grade) and f"{100 * share:.2f}" in row
 
 
 @pytest.mark.parametrize(

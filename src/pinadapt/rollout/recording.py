@@ -336,16 +336,14 @@ class Recording:
 
     @property
     def extent(self) -> float:
-        """The path's extent [m or rad]: as its motion says, or half the diagonal of what ran."""
+        """Half the diagonal of the path that ran, at most what its motion says [m or rad]."""
         groups = self.task.groups
         stated = self.path_extent
-        if len(groups) > 1 and not self.task.lengths:  # it is of slides and turns together
-            stated = None
-        if stated is not None or not len(self.t):
-            return stated or 0.0
+        if stated is None or (len(groups) > 1 and not self.task.lengths):
+            stated = np.inf  # or it is of slides and turns together
         x_d = self.x_d[:, groups[0].rows]
-        extent = 0.5 * float(np.linalg.norm(np.ptp(x_d, axis=0)))
-        return extent if extent > ROUNDING * np.abs(x_d).max(initial=0.0) else 0.0
+        extent = 0.5 * float(np.linalg.norm(np.ptp(x_d, axis=0))) if len(x_d) else 0.0
+        return min(extent, stated) if extent > ROUNDING * np.abs(x_d).max(initial=0.0) else 0.0
 
     def window(self, first: bool) -> np.ndarray:
         """Return the error norms ``distance`` (>= 1) in the first or last 10 % of the samples."""
