@@ -8,6 +8,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.realtime import CycleLog, PlantArm, Recorder
+from pinadapt.realtime.recorder import Phase
 from pinadapt.trajectories import Crawl, Hold
 from tests.constraints.test_standing import FEET, TRUNK, standing
 from tests.support.arms import Loop, forking
@@ -61,8 +62,9 @@ def test_a_new_motion_waits_until_all_feet_stand():
     m = arm.read()
     lifted = np.zeros((4, 3))
     lifted[0] = np.nan
-    loop._halted = True
     loop._state = controller.init(m)._replace(footing=lifted)
+    loop._enter(Phase.HOLDING, "commanded", commanded=True)
+    loop._t += 1.0
     with pytest.raises(pa.InputError, match="a foot is in the air"):
         loop._command("reference", Hold.of(robot.task, m))
     loop._state = loop._state._replace(footing=np.zeros((4, 3)))
