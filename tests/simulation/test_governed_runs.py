@@ -39,7 +39,8 @@ def run(true, model, motion, duration, *, governed, plant=None, sensors=None, **
     """Return how one run ended."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        options = {"limits": pa.Limits(governor=governed), "sensors": sensors, "dt": DT, **made}
+        declared = sensors and CAMERA
+        options = {"limits": pa.Limits(governor=governed), "sensors": declared, "dt": DT, **made}
         return pa.simulate(
             true,
             pa.make_controller(model, **options),
@@ -97,8 +98,8 @@ def test_the_path_waits_for_a_blind_camera(ur5, monkeypatch):
 
     monkeypatch.setattr(SimulatedSensors, "measure", blinded)
     natural = {"sensors": CAMERA, "adaptation": "natural"}
-    without = run(*ur5, 2.0, governed=False, **natural)
-    assert without.diverged == pytest.approx(1.93, abs=0.05)  # a second after the last frame
+    without = run(*ur5, 2.1, governed=False, **natural)
+    assert without.diverged == pytest.approx(2.03, abs=0.05)  # a second after one is overdue
     found = run(*ur5, 3.5, governed=True, **natural)
     assert found.diverged is None and found.distance.max() < 5e-3 and last(found) < 5e-4
     (slowed,) = found.slowed
@@ -109,8 +110,8 @@ def test_the_path_waits_for_a_blind_camera(ur5, monkeypatch):
 def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time(ur5):
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, dropout=0.9999))
     governed = pa.Governor(blind=2.0)
-    rollout = run(*ur5, 2.1, governed=governed, sensors=sensors, adaptation="natural")
-    assert rollout.diverged == pytest.approx(2.0, abs=2e-3)
+    rollout = run(*ur5, 2.2, governed=governed, sensors=sensors, adaptation="natural")
+    assert rollout.diverged == pytest.approx(2.0 + 1 / 30 + 0.06, abs=2e-3)
     assert "'x' has not been seen for" in rollout.reason
 
 

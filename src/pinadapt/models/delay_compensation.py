@@ -89,7 +89,7 @@ class DelayCompensator:
         smoothing: bandwidth of the low pass on the frames' prediction error [1/s]; infinite: none.
         enabled: whether the estimated kinematics predict the motion since the last frame.
             Otherwise the last frame is used as the present position.
-        longest_gap: the longest time without a new frame [s].
+        longest_gap: the largest age of the last frame [s].
     """
 
     smoothing: float = math.inf

@@ -16,6 +16,7 @@ from ..adaptation.least_squares import LeastSquares
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.first_samples import FirstSamples
+from ..controller.governor import explained_age
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.residuals import make_guards
 from ..controller.sensing import Senses
@@ -184,9 +185,10 @@ def make_controller(
         return modified(moved, modifying, tuning)
 
     compensation = compensation_of(robot, compensated)
-    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
-    if applied.governor is not None:  # the arm may wait for frames
-        compensator = replace(compensator, longest_gap=applied.governor.settings.blind)
+    path = applied.governor  # with one the arm may wait for frames
+    gap = DelayCompensator.longest_gap if path is None else path.settings.blind
+    gap += explained_age(sensors)
+    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay, gap)
     velocity = settings.velocity
     low_pass = None if isinf(velocity) else LowPass(velocity, "velocity filter")
     first = None
