@@ -7,6 +7,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.rollout import ringing
+from pinadapt.rollout.summary import ringing_words
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
 
@@ -51,6 +52,8 @@ def test_a_loop_with_late_motors_rings_until_they_are_declared_or_the_lag_is_as_
     lag = float(undeclared.verdict.rpartition("lag = ")[2].rstrip("."))
     for quiet in (run(limits=pa.Limits(actuators=late)), run(lag=lag)):
         assert quiet.ringing is None and "rings" not in quiet.verdict
+    words = ringing_words(found._replace(frequency=480.0), undeclared.evaluated().controller)
+    assert "too fast for dt" in words and words.endswith("lag = 0.016")  # twice what it is
     undeclared.save(tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text())["ringing"] == found._asdict()
     loaded = pa.Rollout.load(tmp_path)

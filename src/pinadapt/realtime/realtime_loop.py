@@ -578,7 +578,7 @@ class RealtimeLoop:
 
         tau = np.reshape(self._last, (-1, self._sent.size))
         found = ringing_of(self._period * np.arange(len(tau)), tau, self._controller)
-        return [] if found is None else [ringing_words(found, self._controller.law.name)]
+        return [] if found is None else [ringing_words(found, self._controller)]
 
     def _catch_signals(self, back: ExitStack) -> None:
         """Count signals that would end the program, until all is given ``back``."""

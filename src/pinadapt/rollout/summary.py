@@ -12,9 +12,9 @@ import numpy as np
 
 from .._output import Report, Table, as_json, percent, read_as_data, short
 from .._version import __version__
+from ..controller.controller import Controller
 from ..controller.state import Bridged
 from ..exceptions import InputError
-from ..laws import LAWS
 from ..models.excited import names_together, rms
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
@@ -234,7 +234,7 @@ def _verdict(run: Recording, numbers: Numbers) -> str:
     if numbers["saturated"] and run.grade != FOLLOWS:
         parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
     if run.ringing is not None:
-        parts.append(ringing_words(run.ringing, run.law))
+        parts.append(ringing_words(run.ringing, run.evaluated().controller))
     return f"{run.grade}: {'; '.join(part for part in parts if part)}."
 
 
@@ -269,16 +269,22 @@ def _error(run: Recording, numbers: Numbers) -> str:
     return text
 
 
-def ringing_words(ringing: Ringing, law: str) -> str:
-    """Return that a torque rings under a law of this name, and what to do about it.
+def ringing_words(ringing: Ringing, controller: Controller) -> str:
+    """Return that a torque rings under a controller, and what to do about it.
 
     A loop with damping at the rate 1 / lag and motors that are late by T rings at the frequency
-    1 / (4 T) at its limit of stability; the lag is to be 2 T.
+    1 / (4 T) at its limit of stability; the lag is to be 2 T, and longer than it was. Where T is
+    less than a sampling period, the motors are not the cause.
     """
-    longer = f"take a longer lag, for example lag = {0.5 / ringing.frequency:.2g}"
-    slower = longer if hasattr(LAWS.get(law), "lag") else "lower the gains"
+    late = 0.25 / ringing.frequency
+    lag = getattr(controller.law, "lag", None)
+    slower = "lower the gains"
+    if lag is not None:
+        slower = f"take a longer lag, for example lag = {2.0 * max(late, lag):.2g}"
+    cause = "declare the motors' delay or the joints' stiffness (limits.actuators)"
+    if late < controller.period < np.inf:
+        cause = "the feedback is too fast for dt, or the arm near a singularity: keep away from it"
     return (
         f"the torque of {ringing.joint} rings at {ringing.frequency:.0f} Hz, {ringing.share:.0%} "
-        "of its rms: declare the motors' delay or the joints' stiffness (limits.actuators), or "
-        f"{slower}"
+        f"of its rms: {cause}, or {slower}"
     )
