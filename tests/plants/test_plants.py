@@ -67,7 +67,8 @@ def test_a_loop_runs_on_a_custom_plant():
 
 @pytest.mark.parametrize("name", ["scara", "kinova"])
 def test_the_integrator_is_of_second_order(name):
-    robot = load(name).changed(viscous=0.5)
+    motor = pa.robot.Shaft((0, 1), viscous=0.5)
+    robot = load(name).changed(friction=pa.Friction(viscous=0.5, shafts=(motor,)))
     q, v, _ = random_state(robot, np.random.default_rng(0))
     model = robot.model
     tau = np.linspace(2.0, 1.0, robot.model.nv)

@@ -35,7 +35,8 @@ class FittedMidpoint:
     methods for stiff systems of ordinary differential equations*, SIAM J. Numer. Anal. 7 (1970)
     47-66). For small z_i it is 1/2 + z_i / 12, hence the second order; for large z_i it tends to 1,
     hence L-stability. As theta_i >= 1/2, friction alone never increases the velocity, for any
-    coupling of the joints, so M_ii may be taken at the home configuration.
+    coupling of the joints, so M_ii may be taken at the home configuration. Of coupled shafts it is
+    (1 + z) / (2 + z): one alone decays by 1 / (1 + z + z^2 / 2), of second order and L-stable too.
 
     Under constraints A v = 0 both stages solve for their forces too, and q moves with the mean of v
     and v + h a, which keep them both.
@@ -81,7 +82,9 @@ class FittedMidpoint:
             x = max(abs(d @ v) / shaft.threshold, 1e-6)
             secant = shaft.viscous + shaft.coulomb / shaft.threshold * math.tanh(x) / x
             force -= secant * (d @ start) * d
-            M += (shaft.armature + h * secant) * np.outer(d, d)  # implicit
+            z = h * secant * np.sum(d * d / self._inertia)
+            theta = (1.0 + z) / (2.0 + z)
+            M += (shaft.armature + theta * h * secant) * np.outer(d, d)
         return self.solved(M, force, q, v)
 
     def solved(self, M: np.ndarray, force: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
