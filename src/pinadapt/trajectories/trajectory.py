@@ -78,8 +78,9 @@ class Trajectory(ABC):
 
         Args:
             ramp: duration of the start [s]. None: 1.875 times the largest speed of the first five
-                seconds over their largest acceleration, but at most 5 s; then the rate, whose
-                slope is at most 1.875 / ramp, asks for no more acceleration than the motion.
+                seconds over their largest acceleration, but at most 5 s. If less, the slope of the
+                rate, at most 1.875 / ramp, asks for no more acceleration than the motion, and both
+                together for 1.42 times as much at most; for a circle it is 1.04 times.
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
         Raises:
