@@ -115,3 +115,4 @@ def test_a_moved_tool_that_has_a_mass_leaves_it_where_it_is(tmp_path):
     robot = pa.load(arm4(tmp_path, ('<link name="tip"/>', heavy)), frame="tip")
     moved = robot.changed(tool_translation=(0.0, 0.02, 0.1))
     same_torques(moved, reloaded(moved, tmp_path, "tip_learned"), 1e-12)
+    assert "with the frame tip_learned. -->" in moved.urdf()

@@ -40,8 +40,10 @@ def urdf_text(robot: Any, shapes: bool) -> str:
     Raises:
         RobotError: a changed body without a physical inertia, or a source file that is missing.
     """
-    root = _Edited(robot, robot.origin or _skeleton(robot)).written()
+    edited = _Edited(robot, robot.origin or _skeleton(robot))
+    root = edited.written()
     words = "" if robot.origin else "The chain alone, without shapes."
+    words += f" To be loaded with the frame {', '.join(edited.frames)}."
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
@@ -75,8 +77,7 @@ class _Edited:
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
                 self._place(self.joints[name], now)
-        for name in self.robot.frames:
-            self._place_tool(name)
+        self.frames = [self._place_tool(name) for name in self.robot.frames]
         for index in range(1, model.njoints):
             self._write_inertia(index)
         friction = self.robot.friction
@@ -97,21 +98,22 @@ class _Edited:
             ElementTree.SubElement(extension, "compiler", strippath="false")
         return self.root
 
-    def _place_tool(self, name: str) -> None:
-        """Move a task frame: the joint of a last link without mass, else a new link."""
+    def _place_tool(self, name: str) -> str:
+        """Move a task frame: the joint of a last link without mass, else a new link; return it."""
         frame = frame_named(self.robot.model, name)
         if name in self.links and _same(frame.placement, self._placement(name)):
-            return
+            return name
         parents = {_end(joint, "parent") for joint in self.joints.values()}
         for joint in self.joints.values():
             last = _end(joint, "child") == name not in parents and joint.get("type") == "fixed"
             if last and not _read_inertia(self.links[name]).mass:
                 self._place(joint, frame.placement)
-                return
+                return name
         new = f"{name}_learned" if name in self.links else name
         carrier = links_of(self.described, frame.parentJoint)[0]
         ElementTree.SubElement(self.root, "link", name=new)
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
+        return new
 
     def _placement(self, name: str) -> pin.SE3:
         """Return the placement of a link or frame in the axes of the moving joint before it."""
