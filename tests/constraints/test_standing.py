@@ -247,10 +247,10 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands():
     with pytest.raises(pa.ParameterError, match="not measured"):
         run.payload()
     found = pa.identify(run, robot, unknown="payload")
-    body = found.robot.model.inertias[6]
+    learned = found.payload()
     errors = found.torque_errors
-    assert body.mass == pytest.approx(trunk.mass, abs=0.02)
-    assert np.abs(body.lever - trunk.lever).max() < 2e-3
+    assert learned.mass == pytest.approx(load.mass, abs=0.02)
+    assert np.abs(learned.com - load.com).max() < 2e-3
     assert errors.learned_held_out.mean() < 0.05 * errors.described_held_out.mean()
     assert abs(found.dynamic.estimate[0] - trunk.mass) < 4.0 * found.dynamic.deviations[0]
 

@@ -8,6 +8,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.information.information import dynamic_information
 from tests.support.chains import catalogue_robot
+from tests.support.two_arms import ENDS, two_arms
 
 pytestmark = pytest.mark.slow
 
@@ -19,7 +20,7 @@ INERTIA = np.array([2e-3, 0.0, 3e-3, 0.0, 0.0, 1e-3])
 @cache
 def run(name, camera=False, **options):
     """Return a run on a robot whose tool and load differ from the model's."""
-    described = catalogue_robot(name)
+    described = two_arms().of_frame(ENDS[0]) if name == "tree" else catalogue_robot(name)
     true = described.changed(
         payload=pa.Payload(MASS, COM, INERTIA), tool_translation=(0.01, 0.02, 0.03)
     )
@@ -54,7 +55,7 @@ def test_identifiable_combinations_are_estimated_correctly(name):
 
 @pytest.mark.parametrize(
     ("dynamic", "name"),
-    [("all", "kinova"), ("payload", "scara")],
+    [("all", "kinova"), ("payload", "scara"), ("all", "tree")],
 )
 def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
     rollout = run(name, **({} if dynamic == "all" else {"unknown": pa.Unknown(bodies=dynamic)}))

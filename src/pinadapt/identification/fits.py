@@ -24,7 +24,7 @@ from .._checks import vector
 from ..exceptions import InputError, ParameterError, did_you_mean
 from ..information.information import CERTAIN, Information, fitted, position_rows
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
-from ..information.payload import PayloadEstimate, of_load
+from ..information.payload import PayloadEstimate, loaded_part, of_load
 from ..models.dynamics import Dynamics
 from ..models.excited import rms
 from ..models.physical_fit import PhysicalSet, physical_fit, physical_set, square
@@ -45,8 +45,8 @@ _WEIGHED = 1e-3
 # +- 0.16 kg for 2.8 kg in test_uncertainty with gains off by 8 %.
 GAIN = 0.05
 TINY = np.finfo(float).tiny  # added where else something may be divided by zero
-# weight of a load like the last body, relative to the description of a body; half, twice: the same
-# held-out errors of real logs
+# weight of a load like the body it is on, relative to the description of a body; half, twice: the
+# same held-out errors of real logs
 FREE = 1e-2
 
 
@@ -182,28 +182,23 @@ def load_fit(
     their model, and their friction, cancels as far as both motions show it.
 
     Args:
-        dynamics: of the arm, its last body among them.
+        dynamics: of the arm, the body of the task frame among them.
         both: windows of the log with the load, and of that without.
         robot: as described, with its task frame.
         mass: of the load [kg], if it is known: gains are found then, and only then.
 
     Raises:
-        ParameterError: the last body is not among the parameters, or the torques show another mass.
+        ParameterError: that body is not among the parameters, or the torques show another mass.
     """
-    last = slice(dynamics.inertial.size - PER_BODY, dynamics.inertial.size)
-    if robot.model.nv - 1 not in dynamics.bodies:
-        raise ParameterError(
-            "the last body is not among the parameters, so there is no estimate of a load.",
-            where="empty",
-        )
+    carrier = loaded_part(dynamics.names, robot)
     t, W, y, tau = (np.concatenate(parts) for parts in zip(*(w[:4] for w in both), strict=True))
-    load = W[:, :, last].copy()
+    load = W[:, :, carrier].copy()
     load[len(both[0].t) :] = 0.0
     physical = physical_set(dynamics, robot)
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.append(physical.center[last], physical.center),
+        center=np.append(physical.center[carrier], physical.center),
         body_weights=np.append(FREE, np.ones(physical.bodies)),
     )
     names = (*LABELS, *dynamics.names)

@@ -188,7 +188,7 @@ class Identification(Printed):
             gain: deviation of the torques' gains from one; zero where they are exact.
 
         Raises:
-            ParameterError: the last body is not among the parameters.
+            ParameterError: the body of the task frame is not among the parameters.
         """
         if self.load is not None:
             return self.load
@@ -344,7 +344,7 @@ class Identification(Printed):
 
     @cached_property
     def _loaded(self) -> PayloadEstimate | None:
-        """The load, None where the last body was not among the parameters."""
+        """The load, None where its body was not among the parameters."""
         try:
             return self.payload()
         except ParameterError:
@@ -356,8 +356,9 @@ class Identification(Printed):
         load = self._loaded
         if load is None:
             return False
-        lightest = -self.described.model.inertias[-1].mass - load.mass_known_to
-        return bool(lightest <= load.mass <= HEAVIEST * self.described.mass + load.mass_known_to)
+        robot = self.described
+        lightest = -robot.model.inertias[robot.carriers[0] + 1].mass - load.mass_known_to
+        return bool(lightest <= load.mass <= HEAVIEST * robot.mass + load.mass_known_to)
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""

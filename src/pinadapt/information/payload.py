@@ -39,7 +39,7 @@ LEAST_NOISE = 1e-4
 
 
 class PayloadEstimate(Printed):
-    """A load on the last body and its uncertainty; ``print`` shows a table.
+    """A load on the body of the task frame and its uncertainty; ``print`` shows a table.
 
     Axes and origin are those of the described task frame, as of ``Payload``. An uncertainty is one
     standard deviation, combined with the step from the estimate to the least-squares one. It is
@@ -50,9 +50,8 @@ class PayloadEstimate(Printed):
         com, com_known_to: (3) centre of mass [m].
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
         numbers: mass, centre of mass and inertia (10), and their uncertainties (10).
-        explained: share, from 0 to 1, of the change of all bodies that a load on the last body
-            accounts for. If it is not nearly one, estimates still move, or the arm is not as
-            described.
+        explained: share, from 0 to 1, of the change of all bodies that the load accounts for.
+            If it is not nearly one, estimates still move, or the arm is not as described.
     """
 
     def __init__(self, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0) -> None:
@@ -79,7 +78,7 @@ class PayloadEstimate(Printed):
 
     def report(self) -> Report:
         """Return the table, and what the load accounts for where other bodies changed too."""
-        note = f"A load on the last body accounts for {self.explained:.3%} of the change."
+        note = f"A load accounts for {self.explained:.3%} of the change."
         return Report("Load", [self.table()], note if self.explained < 1.0 else "")
 
     def table(self) -> Table:
@@ -98,9 +97,9 @@ def payload_estimate(
     """Return the load that best explains the change of the bodies, estimated less known.
 
     Let D be that change and H its information whatever the coefficients of the joints are. The
-    load is the d that minimises (D - E d)^T H (D - E d), where E d changes the last body. If only
-    the last body was unknown, d = D. What neither load nor arm explain is taken for noise
-    and increases the uncertainty.
+    load is the d that minimises (D - E d)^T H (D - E d), where E d changes the body of the task
+    frame. If only that was unknown, d = D. What neither load nor arm explain is taken for noise and
+    increases the uncertainty.
 
     Args:
         controller: that adapted.
@@ -108,23 +107,16 @@ def payload_estimate(
         prior: of the arm.
 
     Raises:
-        ParameterError: the last body is not among the parameters.
-        RobotError: there are several task frames.
+        ParameterError, RobotError: as ``loaded_part``.
     """
     robot = described_robot(controller)
-    robot.check_single_frame()
-    last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
-    if not set(last) <= set(controller.dynamics.names):
-        raise ParameterError(
-            "the last body was not adapted, so there is no estimate of a load.",
-            where="payload",
-            hint='Adapt it: unknown="bodies" or "payload".',
-        )
+    loaded_part(controller.dynamics.names, robot)
     change = prior.change(found).marginalised(prior.root)
     whole = change.R @ change.estimate
-    R = change.R[:, -PER_BODY:]
-    D = change.estimate[-PER_BODY:]
-    load = Information(tuple(last), D, R, whole - R @ D).refined()
+    own = loaded_part(change.names, robot)
+    R = change.R[:, own]
+    D = change.estimate[own]
+    load = Information(change.names[own], D, R, whole - R @ D).refined()
     left = whole - R @ load.estimate
     squared = left @ left
     squared_without_load = whole @ whole
@@ -159,8 +151,29 @@ def payload_of_uncertain_arm(
     return PayloadEstimate(own, np.hypot(known, value - own), plain.explained)
 
 
+def loaded_part(names: tuple[str, ...], robot: Robot) -> slice:
+    """Return where among parameters are the ten of the body of the task frame, which has the load.
+
+    Raises:
+        ParameterError: they are not among them.
+        RobotError: there are several task frames.
+    """
+    robot.check_single_frame()
+    joint = robot.joint_names[robot.carriers[0]]
+    mass = f"{joint}.{LABELS[0]}"
+    if mass not in names:
+        raise ParameterError(
+            f"the body that {joint} moves was not adapted, so there is no estimate of a load on "
+            f"'{robot.frame}'.",
+            where="payload",
+            hint='Adapt it: unknown="bodies" or "payload".',
+        )
+    first = names.index(mass)
+    return slice(first, first + PER_BODY)
+
+
 def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
+    """Return mass, centre and inertia about it (10) of ten parameters at the frame's joint.
 
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
     parameters, by differences.
@@ -181,7 +194,7 @@ def of_load(robot: Robot, pi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def usual_load(robot: Robot) -> np.ndarray:
-    """Return the ten parameters, at the last joint, of a load as it may be: a ball at the frame.
+    """Return the ten parameters, at the frame's joint, of a load as it may be: a ball at the frame.
 
     It has about a tenth of the robot's mass, within a tenth of its reach from the task frame.
     """
@@ -244,7 +257,7 @@ class ArmPrior:
         pi = usual_load(robot)
         change = plain.change(found)
         c = change.c + change.R @ change.estimate
-        load = change.R[:, -PER_BODY:] @ PhysicalSet(1, pi).local(pi)[0]
+        load = change.R[:, loaded_part(change.names, robot)] @ PhysicalSet(1, pi).local(pi)[0]
         arm = change.R @ plain.root
 
         def deviance(share: float) -> float:

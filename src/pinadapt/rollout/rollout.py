@@ -202,7 +202,7 @@ class Rollout(Recording, Printed):
     def payload(
         self, *, refined: bool = False, arm: float = 0.0, empty: Rollout | None = None
     ) -> PayloadEstimate:
-        """Return the load: the estimate of the last body minus its description.
+        """Return the load: the estimate of the body of the task frame minus its description.
 
         Where other bodies were adapted too, it is the load that best explains the change of all of
         them, see ``payload_estimate``.
@@ -217,7 +217,7 @@ class Rollout(Recording, Printed):
                 first, starting from the prior ``arm``, or 30 % where that is zero.
 
         Raises:
-            ParameterError: the last body was not adapted, the parameters are not those of bodies,
+            ParameterError: that body was not adapted, the parameters are not those of bodies,
                 or ``empty`` is a run of another arm.
             InputError: as ``learned``, or a share that is negative.
         """
