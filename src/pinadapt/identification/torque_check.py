@@ -11,9 +11,9 @@ logs of four real arms gave 0.87 to 1.86, correlations of at least 0.86. Current
 the gear, a wrong sign or another mounting do not.
 
 Usual mistakes are undone one by one. Each is judged by the likeliest errors of the described bodies
-and load behind the last joint, normal with given deviations, beside a rotor and friction: by
-the sum over the joints of log(residual^2) and the squared size of these errors. A log fits if no
-mistake is surely likelier than none.
+and loads at the task frames, normal with given deviations, beside a rotor and friction: by the sum
+over the joints of log(residual^2) and the squared size of these errors. A log fits if no mistake is
+surely likelier than none.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class TorqueCheck(Printed):
         joints: (n) factors and correlations.
         causes: likely ones of torques that do not fit, the likeliest first, with the option of
             ``pinadapt identify`` that corrects each; none: they fit.
-        load: behind the last joint, in addition to what is described, that explains the torques
+        load: at the task frames, in addition to what is described, that explains the torques
             surely better than none [kg]; else zero.
     """
 
@@ -127,7 +127,7 @@ class TorqueCheck(Printed):
         factors = ", ".join(f"{one.factor:.2f}" for one in self.joints if one.judged)
         if not factors:
             return "the description predicts too little torque to judge the log by it."
-        load = f", with a load of {self.load:.2f} kg behind the last joint" if self.load else ""
+        load = f", with a load of {self.load:.2f} kg at the task frame" if self.load else ""
         return f"the torques fit the description ({factors} times it at the judged joints){load}."
 
     def table(self) -> Table:
@@ -208,7 +208,7 @@ class _Motion(NamedTuple):
         q, v, a: angles, velocities, accelerations.
         tau: torques.
         signs: of v.
-        scale: root (10 n + 10, 10 n + 10) of the covariance of all bodies and a load.
+        scale: root (10 n + 10 k, 10 n + 10 k) of the covariance of all bodies and of loads on k.
         added: to these torques by the arm.
     """
 
@@ -304,9 +304,11 @@ def _fit(motion: _Motion) -> _Fit:
     bare = _compared(motion, tau, d)
     Y = _each(motion, pin.computeJointTorqueRegressor)
     scale = motion.scale
-    Y = np.concatenate([Y, Y[:, :, -PER_BODY:]], axis=2) @ scale
+    size = Y.shape[2]
+    carrying = np.isin(np.arange(size) // PER_BODY, motion.robot.carriers)
+    Y = np.concatenate([Y, Y[:, :, carrying]], axis=2) @ scale
     rows = motion.without(np.concatenate([Y, (tau - d)[..., None]], axis=2), 3)
-    heavy = scale[-PER_BODY]  # times x is the mass of the load
+    heavy = scale[size::PER_BODY].sum(axis=0)  # times x is the mass of the loads
     fit = bare
     for _ in range(2):
         noise = math.sqrt(len(tau) / _WORTH) * fit.left * rms(motion.tau, 0)
@@ -314,7 +316,7 @@ def _fit(motion: _Motion) -> _Fit:
         given = np.column_stack([W.T @ r, heavy])
         x, spread = np.linalg.solve(np.eye(heavy.size) + W.T @ W, given).T
         fit = _compared(motion, tau - Y @ x, d)
-    loaded = _compared(motion, tau - Y[:, :, -PER_BODY:] @ x[-PER_BODY:], d)
+    loaded = _compared(motion, tau - Y[:, :, size:] @ x[size:], d)
     mass, deviation = float(heavy @ x), math.sqrt(heavy @ spread)
     mass *= abs(mass) > 2.0 * deviation  # beyond which are 5 % of loads that are none
     fit = loaded._replace(left=fit.left, price=x @ x / _WORTH, load=mass)
@@ -329,7 +331,8 @@ def _deviations(robot: Robot) -> np.ndarray:
     bodies = physical_set(BodyDynamics(robot, ALL), robot)
     radius = HEAVIEST * robot.reach
     usual = HEAVIEST * robot.mass * radius ** np.repeat([0, 1, 2], [1, 3, 6])
-    return block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(usual))
+    loads = np.tile(usual, len(robot.carriers))
+    return block_diag(_OFF * bodies.local(bodies.center)[0], np.diag(loads))
 
 
 def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray) -> _Fit:
