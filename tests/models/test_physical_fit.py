@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from pinadapt.models.bodies import from_pseudo_inertia, pseudo_inertia
-from pinadapt.models.physical_fit import PhysicalSet, physical_fit
+from pinadapt.models.physical_fit import PhysicalSet, nearest_with, physical_fit
 from tests.support.chains import random_inertia
 
 GAMMA = 1e-2
@@ -49,6 +49,11 @@ def test_physical_parameters_are_found_from_sufficient_rows():
     A, _, physical = problem(1, 60)
     true = np.concatenate([bodies(5, 2), [0.3, 1e-3, 2.0]])
     assert np.allclose(physical_fit(1e6 * A, 1e6 * A @ true, physical, gamma=1e-4), true, atol=1e-6)
+
+
+def test_rows_of_parameters_that_are_not_physical_are_told_in_time():
+    A, b, physical = problem(0, 23)
+    assert nearest_with(A, np.linalg.solve(A, b), physical, 1e-2) is None
 
 
 def test_unexcited_directions_stay_as_described_within_the_cone():

@@ -172,9 +172,9 @@ def physical_fit(
         a = physical.center
         weight = np.linalg.norm(R @ physical.local(a)[0], 2) ** 2
     while weight > gamma:
-        a = _newton(R, z, physical, a, weight, 1e-3)  # a tenth, ten times: the same fits
+        a, _ = _newton(R, z, physical, a, weight, 1e-3)  # a tenth, ten times: the same fits
         weight /= _FALL
-    return _newton(R, z, physical, a, gamma)
+    return _newton(R, z, physical, a, gamma)[0]
 
 
 def nearest_with(
@@ -194,13 +194,15 @@ def nearest_with(
     Returns:
         x, or None where no physical parameters were found within the tolerance.
     """
-    x = physical.center
+    x, found = physical.center, True
     target = rows @ a
     scale = np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2
     for weight in scale * 0.1 ** np.arange(21):
         if np.linalg.norm(rows @ x - target) <= tolerance:
             return x
-        x = _newton(rows, target, physical, x, 0.1 * weight)
+        if not found:
+            break
+        x, found = _newton(rows, target, physical, x, 0.1 * weight, steps=300)
     return None
 
 
@@ -228,8 +230,13 @@ def _newton(
     a: np.ndarray,
     gamma: float,
     within: float = ROUNDING,
-) -> np.ndarray:
-    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), within about this share of gamma."""
+    steps: int = 3000,
+) -> tuple[np.ndarray, bool]:
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), within about this share of gamma.
+
+    The second tells whether it was found in so many steps: where the rows ask for parameters
+    outside the set, each goes on along its border by hardly anything. Half, twice: the same fits.
+    """
 
     def objective(x: np.ndarray) -> float:
         return 0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x)
@@ -237,14 +244,14 @@ def _newton(
     root = np.sqrt(gamma)
     value = objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
-    while True:
+    for _ in range(steps):
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step = T @ u
         fall = np.sum((rows @ u) ** 2)
         if fall <= within * gamma:
-            return a
+            return a, True
         share = 1.0
         while share > 1e-12:
             after = objective(a + share * step)
@@ -252,6 +259,7 @@ def _newton(
                 break
             share *= 0.5
         else:
-            return a  # rounding prevents further progress
+            return a, True  # rounding prevents further progress
         a = a + share * step
         value = after
+    return a, False
