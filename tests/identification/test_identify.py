@@ -194,16 +194,19 @@ def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("pinadapt.identification.report._TIMES", 20)
     robot = catalogue_robot("ur5")
     moved = recorded("ur5", duration=4.0)
+    hung = pa.logs.ImportOptions(mount="ceiling").mounted(true_robot("ur5"))
+    tau = torques(hung, *motion("ur5", duration=4.0)[1:])
     log = tmp_path / "log.npz"
     out = tmp_path / "out"
-    np.savez(log, t=moved.t, q=moved.q, v=moved.v, tau=moved.tau)
-    known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
+    np.savez(log, t=moved.t, q=moved.q, v=moved.v, tau=tau)
+    known = ["--dynamic", "payload", "--joint", "all", "--mjcf", "--mount", "ceiling"]
     robot.save(tmp_path / "published.urdf", shapes=False)
     known += ["--compare", str(tmp_path / "published.urdf")]
     assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 0
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
     page = (out / "report.html").read_text()
-    assert ">published.urdf<" in page
+    _, described, published, *_ = re.findall(r">([\d.]+)<", page.split("all, rms")[1])
+    assert described == published  # as both hang there
     printed = capsys.readouterr().out
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] in printed and summary["torque"]["gain"] > 100.0

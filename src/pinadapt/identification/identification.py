@@ -103,7 +103,7 @@ def identify(
         ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
             that the torques do not show.
     """
-    described = robot if isinstance(robot, Robot) else load(robot)
+    unmounted = described = robot if isinstance(robot, Robot) else load(robot)
     for name, mass in (("total_mass", total_mass), ("known_load", known_load)):
         if mass is not None:
             positive(mass, name, error=InputError)
@@ -119,7 +119,14 @@ def identify(
     all_options = []
     for source in (*sources, *tests, *([] if empty is None else [empty])):
         all_options.append(ImportOptions.of(import_options, source))
-        one, described = log_and_robot(source, described, all_options[-1])
+        one, hung = log_and_robot(source, unmounted, all_options[-1])
+        if logs and not np.array_equal(hung.model.gravity.linear, described.model.gravity.linear):
+            raise LogError(
+                f"the arm is mounted in another way than in {logs[0].source}.",
+                where=one.source,
+                hint="Identify each alone.",
+            )
+        described = hung
         for other in logs:
             if np.array_equal(one.tau, other.tau, equal_nan=True):
                 raise LogError(

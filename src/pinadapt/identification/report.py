@@ -241,7 +241,11 @@ class Identification(Printed):
         return self._held_out(self.online[max(t for t in self.online if t < self.split)].robot)
 
     def _held_out(self, robot: Robot) -> np.ndarray:
-        """Return the errors (n) of the held-out torques with another robot [N m or N]."""
+        """Return the errors (n) of the held-out torques with another robot [N m or N].
+
+        It is mounted as the described one.
+        """
+        robot = ImportOptions(gravity=self.described.model.gravity.linear).mounted(robot)
         nothing = Unknown(bodies="none", friction=False, armature=False)
         dynamics = nominal_dynamics(robot, nothing, ())
         averages = Averages(self.motion.t, self.log.period)
@@ -328,8 +332,8 @@ class Identification(Printed):
         words += f"{gain:.3g} times less"
         if self._far_off is not None:
             return (
-                f"{words}. The positions are {1e3 * self._far_off:.3g} mm off even as identified. "
-                "Is this the log of another robot, frame or base?"
+                f"NOT TO BE TRUSTED: {words}. The positions are {1e3 * self._far_off:.3g} mm off "
+                "even as identified. Are they in metres, and of this robot, frame and base?"
             )
         if gain >= 2.0:
             return f"{words}."
