@@ -1,6 +1,7 @@
 """What was learned, as a robot, a URDF and numbers to start from."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -111,6 +112,8 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     start = learned.start(controller)
     state = rollout.evaluated().samples[-1].state
     assert (start["a_k"] == state.a_k).all() and learned.remark
+    with pytest.warns(UserWarning, match="what a 'twin' has learned"):
+        replace(learned, robot="twin").start(controller)
     start = rollout.parameters(all_estimates=True).start(controller)
     assert (start["a_d"] == state.a_d).all()
     slide = "slide_joint.viscous"

@@ -141,13 +141,11 @@ class LearnedParameters:
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics = controller.kinematics
         dynamics = controller.dynamics
-        names = *kinematics.names, *dynamics.names
-        units = dict(zip(names, (*kinematics.units, *dynamics.units), strict=True))
         return cls(
             kinematics.robot.name,
             dict(zip(kinematics.names, state.a_k.tolist(), strict=True)),
             dict(zip(dynamics.names, a_d.tolist(), strict=True)),
-            units,
+            _units(controller),
             remark=words,
             information=tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows),
             shape=_shape_of(kinematics.robot.friction),
@@ -163,7 +161,8 @@ class LearnedParameters:
     ) -> dict[str, np.ndarray | None]:
         """Return ``a_k`` (p_k), ``a_d`` (p_d) and ``information`` (r, p_d) to start from.
 
-        Translations of which nothing was learned start as the controller's model has them.
+        Translations of which nothing was learned start as the controller's model has them. A
+        robot of another name causes a warning.
 
         Args:
             controller: with the same dynamic parameters.
@@ -171,7 +170,7 @@ class LearnedParameters:
                 leaves the bodies of the task frames out, so that it holds for any load.
 
         Raises:
-            ParameterError: its parameters have other names.
+            ParameterError: its parameters have other names or units.
         """
         kinematics = controller.kinematics
         dynamic = controller.dynamics.names
@@ -181,6 +180,13 @@ class LearnedParameters:
             else _in_order(self.kinematic, kinematics.names, "learned.kinematic"),
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
+        if not self.units.items() <= _units(controller).items():
+            raise ParameterError("units of another robot: joints slide or turn.", where="learned")
+        if self.robot != kinematics.robot.name:
+            warnings.warn(
+                f"what a '{self.robot}' has learned starts a '{kinematics.robot.name}'.",
+                stacklevel=2,
+            )
         if self.information:
             rows = np.array(self.information)
             names = list(self.dynamic)
@@ -229,6 +235,12 @@ class LearnedParameters:
             words = f"is no file of {_FORMAT}: {type(error).__name__} {error}."
             raise ParameterError(words, where=where) from error
         return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
+
+
+def _units(controller: ControllerParts) -> dict[str, str]:
+    """Return the units of all parameters, by name."""
+    parts = controller.kinematics, controller.dynamics
+    return {k: v for part in parts for k, v in zip(part.names, part.units, strict=True)}
 
 
 def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> np.ndarray:
