@@ -57,9 +57,11 @@ def test_columns_are_found_by_the_names_of_joints(tmp_path, robot, log, form):
     assert same(pa.read_log(write_csv(tmp_path / "a.csv", table), robot), log)
 
 
-def test_degrees_are_read_on_request(tmp_path, robot, log):
+def test_degrees_are_read_on_request_and_what_was_desired_is_not(tmp_path, robot, log):
     turned = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
-    path = write_csv(tmp_path / "a.csv", columns_of(turned, range(6)))
+    desired = columns_of(log, range(6), "{signal}_d_{label}")
+    measured = columns_of(turned, range(6), "{signal}_{label}")
+    path = write_csv(tmp_path / "a.csv", desired | measured)
     assert same(pa.read_log(path, robot, import_options={"degrees": True}), log)
 
 

@@ -196,6 +196,8 @@ class Log:
 def joint_order(found: Sequence[str], wanted: Sequence[str], source: str) -> list[int]:
     """Return the index of each wanted joint among those found: by name, or numbered from 0 or 1.
 
+    What is no number is then not of a joint: ``q[0]``, ``q_d[0]`` are found as ``0`` and ``d[0``.
+
     Args:
         found: names in a log.
         wanted: names of a robot's joints.
@@ -205,8 +207,9 @@ def joint_order(found: Sequence[str], wanted: Sequence[str], source: str) -> lis
         LogError: a joint is missing.
     """
     n = len(wanted)
+    numbered = sum(map(str.isdigit, found))
     for names in (wanted, *([str(first + k) for k in range(n)] for first in (0, 1))):
-        if set(names) <= set(found) and (names is wanted or len(found) == n):
+        if set(names) <= set(found) and (names is wanted or numbered == n):
             return [list(found).index(name) for name in names]
     joint = next(name for name in wanted if name not in found)
     raise LogError(
