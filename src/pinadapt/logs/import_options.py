@@ -242,7 +242,7 @@ Options: TypeAlias = ImportOptions | Mapping[str, Any] | Path | str  # as they m
 def place_beside(log: Path | str) -> Path:
     """Return the place of the options of a log: of ``run.csv``, ``run.import_options.toml``."""
     path = Path(log)
-    return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
+    return path.parent / ((path.stem if path.suffix else path.name) + SUFFIX)
 
 
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
