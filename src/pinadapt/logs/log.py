@@ -112,11 +112,13 @@ class Log:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
         names = robot.joint_names
-        log = self
-        if self.joints and list(self.joints) != names:
-            log = self.ordered(joint_order(self.joints, names, self.source))
-            log = replace(log, joints=tuple(names))
         n = robot.model.nv
+        log = self
+        if np.isnan(self.tau).all():  # in as many columns as q, which may have cosines and sines
+            log = replace(self, tau=np.full((len(self.t), len(self.joints) or n), np.nan))
+        if self.joints and list(self.joints) != names:
+            log = log.ordered(joint_order(self.joints, names, self.source))
+            log = replace(log, joints=tuple(names))
         for name, part in log.signals().items():
             if part.shape[1] not in ((n, robot.model.nq) if name == "q" else (n,)):
                 raise LogError(
