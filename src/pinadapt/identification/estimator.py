@@ -13,7 +13,7 @@ stands its friction may be anything up to Coulomb's, and its equation counts les
 
 A window that disagrees is set aside. If those after it agree again it was a push; if all of them
 agree with another load, that is the load. A load is ten parameters of its own in the axes of the
-last body; products of windows with an earlier one are kept with it eliminated.
+body of the task frame; products of windows with an earlier one are kept with it eliminated.
 """
 
 from __future__ import annotations
@@ -153,7 +153,9 @@ class Estimate:
 
     Attributes:
         robot: with all that was learned, the load included.
-        load: on the last body, in the axes of the task frame; None: surely nothing.
+        load: on the body of the task frame, of the first of several, in its axes; None: surely
+            nothing. Its deviations cover neither gains of the torques nor, where the load alone is
+            unknown, errors of the arm.
         names: of the parameters (p).
         a: (p) bodies without the load, the ten parameters of the load, coefficients of the joints.
         deviations: (p) of them.
@@ -267,7 +269,8 @@ class Estimator:
         Args:
             robot: as described, a chain, a tree or a robot with constraints.
             unknown: "bodies" (the default) or "payload", as ``Unknown`` has it. With either the
-                load is unknown, and friction unless ``Unknown`` states it.
+                load is unknown, and friction unless ``Unknown`` states it. What an ``Unknown``
+                names of bodies, the one with the load is among them.
             period: typical time between samples [s]. Windows begin anew where samples are further
                 apart than two periods and 25 ms.
             held: whether tau is the mean since the last sample; else it is that of the instant.
@@ -275,7 +278,8 @@ class Estimator:
                 or missing v. Estimates are then 0.05 s late.
 
         Raises:
-            InputError: words that cannot be used, or parameters that are not of bodies.
+            InputError: words that cannot be used, unknown translations, or parameters that are not
+                of bodies.
         """
         self.robot = instance(robot, Robot, "robot").undrawn()
         self._constraints = robot.constrained
@@ -287,6 +291,12 @@ class Estimator:
             for each in name_list(unknown or (), "unknown"):
                 word(each, ("bodies", PAYLOAD), "unknown")
             given = replace(given, friction=None, armature=None)
+        if words := given.translation_words(tool=False):
+            raise InputError(
+                f"positions of frames are not read, so {words} cannot be estimated.",
+                where="unknown",
+                hint="identify and calibrate find them from logs.",
+            )
         carrier = robot.carriers[0]
         self._alone = alone = given.bodies == PAYLOAD
         bodies = sorted({*chosen_bodies(robot, given.bodies), carrier})
@@ -320,7 +330,7 @@ class Estimator:
         geared = 0 if robot.constraints else len(rubbing)
         self._columns = carried + PER_BODY * geared
         self._carried = np.arange(carried, self._columns).reshape(-1, PER_BODY)
-        # the equations have those of the last body once more, for the load
+        # the equations have those of the carrier once more, for the load
         self._loaded = self._columns + np.arange(PER_BODY)
         self._order = np.insert(np.arange(self._columns + 1), self._columns, self._own)
         # parameters: bodies, the load, coefficients of the joints, their friction near rest

@@ -174,7 +174,13 @@ def identify(
     if any(part.joint not in (None, FIRST) for part in kinematics.translations):
         placed = replace(nominal, model=nominal.model.copy())
         kinematics.write(placed.model, located.estimate)
-    estimator = Estimator(placed, given, period=found.period, held=False)
+    online = Unknown(
+        bodies=given.bodies,
+        friction=given.friction,
+        armature=given.armature,
+        effects=given.effects,
+    )
+    estimator = Estimator(placed, online, period=found.period, held=False)
     averages = Averages(motion.t, found.period)
     everything = nominal_dynamics(with_shafts(placed), replace(unknown, effects=KINDS), ())
     windows = Windows.of(motion, averages, everything, described)
