@@ -188,7 +188,7 @@ def test_a_run_is_the_same_however_its_motion_is_given(given, as_circle, loop):
     assert np.allclose(one.q, other.q, atol=1e-6) and np.ptp(one.q) > 1e-2
     assert np.allclose(one.a_d, other.a_d, atol=1e-4)
     moved = 0.5 * np.linalg.norm(np.ptp(one.x_d, axis=0))
-    assert other.extent == pytest.approx(moved) and one.extent == 0.1
+    assert (one.extent, other.extent) == pytest.approx((moved, moved))
 
 
 # --- what is refused, before anything moves ---
