@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,7 @@ class Drive:
         assert self.W is not None and self.residual is not None
         change = weight if self.weight is None else weight - self.weight
         gradient = self.gradient + change.dot(self.residual).dot(self.W)
-        return Drive(self.Y, self.e, self.W, self.residual, weight, gradient, self.observed)
+        return replace(self, weight=weight, gradient=gradient)
 
     def scaled(self, tracking: float, prediction: float) -> Drive:
         """Return the drive with its two parts multiplied by numbers >= 0.
@@ -98,11 +98,9 @@ class Drive:
         e = None if self.e is None else tracking * self.e
         if self.W is None or self.residual is None:
             gradient = self.gradient if e is None else tracking * self.gradient
-            return Drive(self.Y, e, gradient=gradient, observed=self.observed)
+            return replace(self, e=e, gradient=gradient)
         root = math.sqrt(prediction)
-        return Drive(
-            self.Y, e, root * self.W, root * self.residual, self.weight, observed=self.observed
-        )
+        return replace(self, e=e, W=root * self.W, residual=root * self.residual, gradient=None)
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
@@ -115,6 +113,7 @@ class Drive:
             self.weight,
             self.gradient[block],
             self.observed,
+            self.saturated,
         )
 
     @classmethod

@@ -115,7 +115,7 @@ class MatrixInequality:
         size = self._n**2
         both = P[:, :, None, :, None] * P[:, None, :, None, :]  # P L P is this times L
         blocks = self._dual @ both.reshape(-1, size, size) @ self._dual.T
-        return (blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape)
+        return (blocks @ X.reshape(len(blocks), self._p, X.shape[1])).reshape(X.shape)
 
     def contains(self, a: np.ndarray) -> bool:
         """Return whether every block is positive definite at a (k p)."""
@@ -177,7 +177,10 @@ class BodyInequality(MatrixInequality):
         """
         self._names = tuple(name_list(names, "names"))
         super().__init__(COEFFICIENTS, blocks=len(self._names))
-        self._least = {"least_mass": least_mass, "least_radius": least_radius}
+        self._least = {
+            "least_mass": positive(least_mass, "least_mass"),
+            "least_radius": positive(least_radius, "least_radius"),
+        }
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return a (10 k) with unphysical bodies made physical; a warning names them."""

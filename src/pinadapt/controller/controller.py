@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive, vector
+from .._checks import flag, is_array, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..description.chain import angles_from_configuration, position_limits
@@ -126,8 +126,14 @@ class Controller:
             self._forces = ConstraintForces(kinematics.robot, kinematics.constraints)
         self._make_scratch()
 
+    def __copy__(self) -> Controller:
+        """Copy by reference, the lock as well: the scratch is for one thread."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
     def __getstate__(self) -> dict[str, Any]:
-        """Copy all but lock and scratch."""
+        """Copy all but lock and scratch, deeply."""
         own = ("_alone", "_data", "_estimated")
         return {name: value for name, value in vars(self).items() if name not in own}
 
@@ -174,7 +180,6 @@ class Controller:
         """
         other = copy.copy(self)
         other.limits = replace(self.limits, torque=torque_limits(self.kinematics.robot, torque))
-        other._alone = self._alone
         return other
 
     def resting_at(self, q: np.ndarray) -> Controller:
@@ -194,7 +199,6 @@ class Controller:
         angles = np.clip(angles_from_configuration(robot.model, q), *position_limits(robot.model))
         other = copy.copy(self)
         other.law = self.law.adjusted(posture=Posture(robot, angles, posture.frequency))
-        other._alone = self._alone
         return other
 
     def init(
@@ -441,6 +445,9 @@ class Controller:
             torque, drives = self.sent(s, self.law.command(s, model))
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
+            for after, before in ((dynamic, s.a_d), (kinematic, s.a_k)):
+                if not is_array(after.value, before.shape):
+                    raise TypeError(f"the estimate is {shown(after.value)}")
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter = state.torque_filter
             path = state.path
@@ -453,8 +460,6 @@ class Controller:
             if self._torque_filter is not None:
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             self.watch(torque, dynamic.value, kinematic.value)
-            if torque.shape != s.v.shape:
-                raise TypeError(f"the torque has the shape {torque.shape}")
         except ContactError:
             raise
         except (DivergedError, np.linalg.LinAlgError) as error:
@@ -518,7 +523,7 @@ class Controller:
         hold = flag(hold, "hold")
         with self.reserved():
             self._inputs.state(state)
-            t = math.nan if measurement is None else self._inputs.time(measurement.t)
+            t = self._inputs.time(getattr(measurement, "t", None))
             period = self.period if math.isfinite(self.period) else PERIOD
             elapsed = t - state.t
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
@@ -669,6 +674,8 @@ class Controller:
         limits = self.limits.torque
         torque = command.torque
         drives = command.drives
+        if not is_array(torque, s.v.shape):  # which no kernel would notice
+            raise TypeError(f"the torque is {shown(torque)}")
         if command.feedthrough is not None:
             torque = torque + command.feedthrough @ s.a
         if s.filtered_torque is not None and s.residual is not None:

@@ -122,7 +122,8 @@ class ApproximateJacobian(Law):
                   torque, Z its regressor, s saturating (``Saturation``).
     Adaptation:   da_d/dt = -Gamma_d Z^T y, y = qd + z, z = weight K_v^-1 J_hat^T K_P s(dx). None of
                   the kinematics.
-    Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - K_v qd - f(qd), f the true friction.
+    Closed loop:  M qdd + C qd = Z da_d - J_hat^T K_P s - K_v qd - f(qd), f the true friction less
+                  its offset.
     V:            qd^T M qd / 2 + qd^T M z + S(dx) + D_d(a_d), dS/d(dx) = K_P s;
                   dV/dt = -y^T (J_hat^T K_P s + K_v qd + f(qd)) + qd^T J^T K_P s + qd^T (C z + M
                   dz/dt), an equality. With J = J_hat and f = 0 its first line is -|qd|^2 - weight
@@ -258,7 +259,9 @@ class ApproximateJacobian(Law):
         stretching = s.J.T @ (self.K_P @ self.saturation.rate(s.dx, dxd))
         z = self.weight * self._compliance @ F
         zd = self.weight * self._compliance @ (turning + stretching)
-        lost = (s.v + z) @ (F + self.brake(s.v) + truth.friction.torque(s.v))
+        friction = truth.friction.torque
+        f = friction(s.v) - friction(np.zeros(s.v.size))  # Z holds what acts at rest
+        lost = (s.v + z) @ (F + self.brake(s.v) + f)
         return force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd)
 
     def parameter_effects(self, motion: TypicalMotion) -> np.ndarray:

@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import definite_matrix, positive, take_checked
+from .._checks import definite_matrix, joint_numbers, positive, take_checked
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
+from ..exceptions import GainError
 from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
@@ -181,8 +182,8 @@ class Separation(Law):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
-        lambda_d = np.asarray(self.lambda_d, dtype=float)
-        object.__setattr__(self, "lambda_d", np.broadcast_to(lambda_d, len(K_D)))
+        lambda_d = joint_numbers(self.lambda_d, "lambda_d", len(K_D), error=GainError)
+        object.__setattr__(self, "lambda_d", lambda_d)
 
     @cached_property
     def filters(self) -> PositionObserver:

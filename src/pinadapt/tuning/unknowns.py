@@ -217,10 +217,12 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     geometry, tracked = (name in words for name in (GEOMETRY, TRACKER))
     others = [word for word in words if word not in _PLACED]
     filmed = isinstance(robot.task, ImageTask)
-    if (filmed and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
+    apart = filmed or robot.constraints
+    if (apart and (tracked or geometry)) or (geometry and (tracked or set(others) - {TOOL})):
         raise ParameterError(
             f"'{GEOMETRY}' contains base, joints and tool, and stands alone; '{TRACKER}' is of "
-            "measured positions; with the task 'image' the camera is unknown in place of both.",
+            "measured positions, as both are of robots without constraints; with the task 'image' "
+            "the camera is unknown in their place.",
             where="unknown.translations",
             hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
