@@ -19,6 +19,7 @@ from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import Source, read_log
 from ..logs.import_options import ImportOptions, Options
 from ..logs.log import Log, in_sequence, joined
+from ..models.bodies import PAYLOAD
 from ..models.joint_effects import KINDS
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST
@@ -97,7 +98,7 @@ def identify(
         LogError: a log that cannot be used, or is given twice.
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``import_options={"doubtful": True}`` learns nevertheless.
-        RobotError: a robot that cannot be loaded.
+        RobotError: a robot that cannot be loaded, or several task frames whose payload is unknown.
         InputError: unknown words, a mass that is not positive, bounds that are none, a known load
             without ``empty``, or nothing is unknown.
         ParameterError: a total mass that leaves nothing for the unknown bodies, or a known load
@@ -139,6 +140,8 @@ def identify(
     logs = in_sequence(logs, _PAUSE)
     found = joined(logs)
     given = replace(Unknown.of(unknown), regressor="nominal")
+    if given.bodies == PAYLOAD:
+        described.check_single_frame()
     frames, nominal = _frames_and_task(found, described, given)
     unknown = given.with_joints()
     controller = _controller(nominal, unknown)

@@ -189,7 +189,9 @@ class Identification(Printed):
 
         Raises:
             ParameterError: the body of the task frame is not among the parameters.
+            RobotError: there are several task frames.
         """
+        self.described.check_single_frame()
         if self.load is not None:
             return self.load
         plain = self._load_of(self.dynamic)
@@ -348,10 +350,10 @@ class Identification(Printed):
 
     @cached_property
     def _loaded(self) -> PayloadEstimate | None:
-        """The load, None where its body was not among the parameters."""
+        """The load, None where its body was not among the parameters, or could be several."""
         try:
             return self.payload()
-        except ParameterError:
+        except InputError:
             return None
 
     @property

@@ -388,8 +388,8 @@ def estimate_table(
 
 
 def identifiable(part: Information) -> str:
-    """Return in words how many combinations of parameters are identifiable."""
-    return f"{part.rank} identifiable combinations of {len(part.names)}"
+    """Return in words how many combinations of parameters stand out from rounding."""
+    return f"{part.rank} combinations of {len(part.names)} have an effect"
 
 
 @dataclass(frozen=True, eq=False)
