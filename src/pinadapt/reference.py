@@ -27,7 +27,7 @@ from .robot.motors import torque_bounds, torque_limits
 from .robot.robot import Robot
 from .tasks.frame import FrameTask
 from .tasks.task import Task
-from .trajectories.given import TrajectoryLike
+from .trajectories.given import Spline, TrajectoryLike
 from .trajectories.periodic import FourierSeries
 from .trajectories.pose import placed_trajectory
 from .trajectories.trajectory import Derived, Retimed, SlowedTime, Trajectory, minimum_jerk
@@ -218,7 +218,8 @@ def within_limits(
     ``JointMotion``: at a constant rate r of the motion's own time the velocity of a joint is v r
     and its torque g + f r + c r^2. The rate is the largest one, at most 1, that keeps all limits at
     all instants up to the ``horizon``, or until the motion settles. A motion that starts at speed
-    is begun from rest, unless it is ``as_given``.
+    is begun from rest, unless it is ``as_given``. Samples (t, x) begin and end at rest: recorded at
+    speed, they ask for much in their first and last interval, and for a low rate.
 
     Time scaling does not help where the motion leaves the workspace: a warning says when and where,
     and those instants do not count for the rate.
@@ -252,7 +253,9 @@ def within_limits(
     if acceleration is not None:
         accelerations = joint_numbers(acceleration, "acceleration", n, zero=False)
     span = horizon if given.settles is None else min(max(given.settles, _STEP), horizon)
-    s = np.linspace(0.0, span, math.ceil(span / _STEP) + 2)
+    parts = [np.linspace(0.0, span, math.ceil(span / _STEP) + 2)]
+    if isinstance(given, Spline):  # which comes from rest, and to it, between two samples
+        parts += [np.linspace(a, b, 33) for a, b in (given.t[:2], given.t[-2:])]
     speeds = share * velocity_limits(robot.model)
     usable = share / (1.0 + margin) * most
     slowness = 1.0
@@ -260,15 +263,16 @@ def within_limits(
     # Panda's joint speeds up to 84 % where 80 % are asked and four give 81 %; twice: 81 %.
     for _ in range(4):
         frequency = 0.5 * Separation.own_bandwidth * slowness
-        joints = joint_motion(given, robot, s, frequency=frequency)
-        needed = joints.slowness(speeds, usable, accelerations)
+        joints = [joint_motion(given, robot, part, frequency=frequency) for part in parts]
+        found = [part.slowness(speeds, usable, accelerations) for part in joints]
+        needed = {kind: np.max([part[kind] for part in found], axis=0) for kind in found[0]}
         kind = max(needed, key=lambda each: needed[each].max())
         before = slowness
         slowness = max(1.0, needed[kind].max())
         if slowness == before or n <= robot.task.size:
             break
-    if (lost := joints.off > 1.0).any():
-        first, last = s[lost][[0, -1]]
+    if (lost := joints[0].off > 1.0).any():
+        first, last = parts[0][lost][[0, -1]]
         where = given.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
         warnings.warn(
             f"the motion leaves the workspace from {first:.3g} s on, at {where} m, last at "

@@ -78,6 +78,15 @@ def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_fo
         assert np.allclose(slowed.at(t).x_d, swing(s))  # on the same path
 
 
+def test_samples_that_begin_at_speed_keep_the_limits_from_rest():
+    robot = catalogue_robot("ur5", task="joint")
+    s = 0.01 * np.arange(100)
+    x = robot.home_angles + 0.4 * np.sin(1.5 * s)[:, None]
+    slowed = pa.within_limits((s, x), robot, acceleration=8.0)
+    most = max(np.abs(slowed.at(t).xdd_d).max() for t in np.arange(0.0, 0.1, 1e-3))
+    assert most == pytest.approx(8.0, rel=0.02)
+
+
 def test_a_motion_without_a_place_is_judged_at_home():
     robot = catalogue_robot("ur5")
     circle = pa.trajectories.Circle(radius=0.1, period=1.2)
