@@ -155,12 +155,16 @@ def find_circle(robot: Robot) -> Circle:
             if len(periods) > len(others):
                 period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), *periods)) / 10.0
                 return Circle(path.center, path.radius, period, path.plane, path.phase)
-    feet = ", with the centre of mass above the feet" if robot.contacts else ""
+    feet = ""
+    other = 'or take a plane as the task, such as "yz"'
+    if robot.contacts:
+        feet = ", with the centre of mass above the feet"
+        other = "with bent knees"
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         f"the joint limits and away from singularities{feet}.",
         where=robot.name,
-        hint='Give a home pose q0 further from them, or take a plane as the task, such as "yz".',
+        hint=f"Give a home pose q0 further from them, {other}.",
     )
 
 
