@@ -94,7 +94,7 @@ class Governor:
         singular: the same, from which on it stops.
         lead: time to a joint's stop [s].
         gap: by which a frame may be older than the camera explains when the path rests [s].
-        blind: time without a frame after which the step is refused [s].
+        blind: by which a frame is older than the camera explains when the step is refused [s].
         quick: bandwidth of the rate [1/s].
         recovery: bandwidth at which it rises again [1/s].
 
