@@ -33,14 +33,10 @@ def followed(file, *settings):
 TWO_MS, FOUR_MS = "controller.dt=2e-3", "controller.dt=4e-3"
 
 
-@pytest.mark.parametrize(
-    ("source", "frame", "task"),
-    [("solo8_fl_leg", "FL_FOOT", "xz"), ("allegro_left_thumb", "link_15.0_tip", "xyz")],
-)
-def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame, task):
-    file = written(tmp_path, source)
+def test_the_written_file_runs_and_the_controller_learns(tmp_path):
+    file = written(tmp_path, "solo8_fl_leg")
     tables = read_toml(file)
-    assert (tables["robot"]["frame"], tables["robot"]["task"]) == (frame, task)
+    assert (tables["robot"]["frame"], tables["robot"]["task"]) == ("FL_FOOT", "xz")
     tool = np.linalg.norm(tables["truth"]["tool_translation"])
     assert np.isclose(tool, 0.05 * Scenario.read(file).estimated.reach, rtol=0.01)
     rollout, fixed = followed(file, "simulation.duration=1.6", FOUR_MS)
@@ -60,11 +56,8 @@ ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass 
     ("arguments", "words"),
     [
         (["ur55"], "Did you mean 'ur5'?"),
-        ([str(ARM4), "--frame", "tipp"], "Did you mean 'tip'?"),
-        ([str(ARM4), "--frame", "finger2"], "mimic"),
         (["solo8_fl_leg", "--task", "xyz"], "only 2 joints"),
         (["one.urdf"], "no outermost link is moved by two joints"),
-        ([str(ARM4), "--frame", "link1"], "only 1 joints"),
     ],
 )
 def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, monkeypatch, capsys):

@@ -54,7 +54,6 @@ def test_a_continuous_joint_goes_the_short_way():
 @pytest.mark.parametrize(
     ("law", "scale", "size", "share"),
     [
-        ("slotine-li", 0.8, 0.2, 0.2),
         # M_0 must not be far below M: from a belief that is too light, the wrist is lost
         ("spong-ortega", 1.3, 0.2, 0.2),
         ("middleton-goodwin", 0.8, 0.1, 0.15),

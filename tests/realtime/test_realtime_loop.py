@@ -69,12 +69,10 @@ def test_adaptation_learns_the_load():
     assert "adapt" in ending.phases[0][2] and "the time is over" in str(ending)
 
 
-@pytest.mark.parametrize("motion", [pa.trajectories.Hold(), pa.trajectories.Circle(radius=0.05)])
-def test_a_motion_without_a_place_begins_where_the_arm_is(motion):
-    loop = Loop(motion=motion, seconds=1.0)
+def test_a_motion_without_a_place_begins_where_the_arm_is():
+    loop = Loop(motion=pa.trajectories.Circle(radius=0.05), seconds=1.0)
     loop.ended()
-    far = np.linalg.norm(loop.arm.plant.measure().x - robot().position(robot().q0))
-    assert far < (0.01 if isinstance(motion, pa.trajectories.Hold) else 0.11)
+    assert np.linalg.norm(loop.arm.plant.measure().x - robot().position(robot().q0)) < 0.11
 
 
 def test_the_null_space_stays_where_the_arm_begins():
@@ -211,7 +209,6 @@ def interrupts(*cycles):
         ("log", (0,), ["running", "stopped"]),
         ("gravity", (0,), ["running", "damping", "stopped"]),
         ("hold", (0,), OUT),
-        ("adapt", (0,), OUT),
         ("adapt", (0, 5), OUT),  # the second one while it holds
         ("adapt", (0, 5, 10), OUT),  # the third one while it is damped
     ],
@@ -232,10 +229,6 @@ def broken(arm, m):
     raise ArmError("the connection broke: reset by peer.", where="arm")
 
 
-def with_nan(arm, m):
-    return m._replace(v=m.v * np.nan)
-
-
 def with_nan_frames(arm, m):
     return m._replace(x=m.x * np.nan)
 
@@ -254,7 +247,6 @@ def frozen(arm, m):
     [
         (broken, "the connection broke", "log"),
         (broken, "the connection broke", "adapt"),
-        (with_nan, "driver: measurement 'v' is not finite", "adapt"),
         (with_nan_frames, "driver: measurement 'x' is not finite", "adapt"),
         (back_in_time, r"clock: the time jumped back by 0\.496 s", "gravity"),
         (frozen, "stale data: the last 4 measurements are of the same instant", "adapt"),
@@ -264,7 +256,7 @@ def test_a_driver_that_fails_in_mid_motion_stops_the_arm(fault, words, stage):
     loop = Loop(faulty(fault), stage, seconds=9.0, safety=Safety(stale=3))
     ending = loop.ended()
     assert ending.failed and loop.phases[-1] == "stopped"
-    assert rests(loop) or fault in (broken, with_nan)  # which leave it to the arm's own stop
+    assert rests(loop) or fault is broken  # which leaves it to the arm's own stop
     assert re.search(words, ending.reason)
 
 

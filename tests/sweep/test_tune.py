@@ -58,8 +58,7 @@ def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):
     (tmp_path / "cases.toml").write_text(CASES)
     out = ["--processes", "0", "--objective", "distance", "--out", str(tmp_path)]
     arguments = ["tune", str(tmp_path / "cases.toml"), *out, "--trials", "25"]
-    arguments += ["--validation", "40"]
-    assert main([*arguments, "--gain", "gain=uniform(0.0, 4.0)"]) == 0
+    assert main([*arguments, "--validation", "40", "--gain", "gain=uniform(0.0, 4.0)"]) == 0
     found = json.loads((tmp_path / "tune.json").read_text())
     assert found["better"] and found["gains"]["gain"] == pytest.approx(2.0, abs=0.2)
     assert found["cases"] == {"search": 30, "validation": 40}
@@ -68,6 +67,3 @@ def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):
         each["objective"] for each in found["trials"]
     )
     assert "The gains found are better" in capsys.readouterr().out
-    assert main([*arguments, "--gain", "gain=uniform(0.9, 1.1)"]) == 0
-    found = json.loads((tmp_path / "tune.json").read_text())
-    assert not found["better"] and "The defaults are as good" in capsys.readouterr().out

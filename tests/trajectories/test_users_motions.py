@@ -160,7 +160,6 @@ def loop():
 
 GIVEN = {
     "function": lambda circle: lambda t: circle.at(t).x_d,
-    "with derivatives": lambda circle: lambda t: tuple(circle.at(t)),
     "object": Path,
     "subclass": Own,
 }
