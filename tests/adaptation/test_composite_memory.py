@@ -9,6 +9,7 @@ import pinadapt as pa
 from tests.support.chains import catalogue_robot, robot_of
 from tests.support.exciting import times_of_panda
 from tests.support.loops import circle_beside, energy_along, motion_at_home, with_tool_and_load
+from tests.support.recorded import LOAD, TOOL
 
 # Slow enough for the constant metric to keep the estimates where the laws' hypotheses hold.
 RATES = {"natural-memory": 5.0, "composite-memory": 1e-5}
@@ -235,22 +236,12 @@ def test_bodies_stay_physical_with_any_memory():
         assert np.isfinite(estimate.value).all() and adaptation.contains(estimate.value)
 
 
-LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
-
-
-def circling(name, friction=False):
-    """Return the described robot, the true one, and a circle of 0.1 m in 3 s, at speed."""
-    robot = catalogue_robot(name)
-    rough = {"viscous": 1.0, "coulomb": 0.5} if friction else {}
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD, **rough)
-    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    return robot, true, path.as_given()
-
-
 @pytest.mark.slow
 def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
     """Tool, load and inertias unknown; with known ones the error is a micrometre."""
-    robot, true, path = circling("panda")
+    robot = catalogue_robot("panda")
+    true = robot.changed(tool_translation=TOOL, payload=LOAD)
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     nominal = robot.changed(inertial_scale=0.7)
     last = {}
     for who, controller in {
@@ -263,7 +254,9 @@ def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
             unknown=pa.Unknown(friction=False, armature=False),
         ),
     }.items():
-        rollout = pa.simulate(true, controller, path, duration=1.0 if who == "informed" else 4.0)
+        rollout = pa.simulate(
+            true, controller, path.as_given(), duration=1.0 if who == "informed" else 4.0
+        )
         last[who] = rollout.distance[-400:].max()
     assert last["informed"] < 1.5e-6
     assert last["adapted"] < 2.5 * last["informed"], last

@@ -22,7 +22,7 @@ def talos():
     return standing("talos")
 
 
-def prediction_error(true, dt, duration=0.05):
+def prediction_error(true, dt):
     """Return the largest |W a - y| at the true parameters a, and the largest |y|, sampled."""
     controller = pa.make_controller(true, unknown=pa.Unknown(friction=False, armature=False))
     x = true.position(true.q0)
@@ -31,7 +31,7 @@ def prediction_error(true, dt, duration=0.05):
     plant = pa.plants.PinocchioPlant(true, substeps=4)
     errors = []
     torques = []
-    for sample in islice(pa.run(plant, controller, path, dt=dt), round(duration / dt)):
+    for sample in islice(pa.run(plant, controller, path, dt=dt), round(0.05 / dt)):
         s = controller.observe(sample.state, sample.measurement, sample.desired)
         errors.append(np.abs(s.filtered_torque.error(a_d)).max())
         torques.append(np.abs(s.filtered_torque.y).max())

@@ -64,18 +64,6 @@ class Loop:
         return caught.value, math.degrees(np.abs(way).max())
 
 
-def scaled(**factors):
-    """Return what multiplies signals of a sample."""
-    return lambda sample: sample._replace(
-        **{name: factor * getattr(sample, name) for name, factor in factors.items()}
-    )
-
-
-def first_sample(robot):
-    """Return the sample of a robot at rest at home."""
-    return pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.zeros(robot.model.nv))
-
-
 @cache
 def guarded(robot, off=(), **options):
     """Return a controller, made once, without some of the guards."""
@@ -88,7 +76,7 @@ def guarded(robot, off=(), **options):
 @pytest.mark.parametrize("task", ["xyz", "pose"])
 def test_a_first_sample_in_other_units_is_refused(task):
     robot = pa.load("panda", task=task)
-    sample = first_sample(robot)
+    sample = pa.plants.PinocchioPlant(robot).measure()
     x = sample.x.copy()
     x[:3] *= 100.0
     for wrong, guard in (
@@ -105,9 +93,8 @@ def test_a_first_sample_in_other_units_is_refused(task):
 
 def test_one_joint_of_the_wrong_sign_is_named():
     robot = catalogue_robot("ur5")
-    signs = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
     words = r"is not the rate of q: joint 'shoulder_lift_joint', .*the wrong sign"
-    error, moved = Loop(robot).refused(words, spoil=scaled(v=signs))
+    error, moved = Loop(robot).refused(words, spoil=changed(v=lambda v: SECOND * v))
     assert moved < 2.0 and "guards={'differences': False}" in str(error)
 
 

@@ -89,9 +89,9 @@ def test_laws_without_speed_bounds_stop_before_a_singularity():
 # --- the state ---
 
 
-def loop_of(name="ur5", limits=GOVERNED, adaptation=None, **options):
+def loop_of(limits=GOVERNED, adaptation=None, **options):
     """Return a short run of an arm with an unknown tool and load."""
-    robot = catalogue_robot(name)
+    robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot)
     controller = pa.make_controller(robot, limits=limits, adaptation=adaptation)
     return pa.simulate(true, controller, circle_at_home(true), duration=0.3, **options)

@@ -74,11 +74,11 @@ class Stream:
             yield k, self.controller.observe(state, sample, self.desired)
             _, state = self.controller.step(state, sample, self.desired, DT)
 
-    def torques(self, frames, count, state=None, first=0):
-        """Return the torques (count, n) from a sample on, and the state after them."""
-        state = self.start() if state is None else state
+    def torques(self, frames, count):
+        """Return the torques (count, n) from the first sample on, and the state after them."""
+        state = self.start()
         torques = []
-        for k in range(first, first + count):
+        for k in range(count):
             sample = self.sample(k, frames.get(k))
             torque, state = self.controller.step(state, sample, self.desired, DT)
             torques.append(torque)

@@ -30,14 +30,9 @@ def guide():
 # --- the guide ---
 
 
-def error_at_the_end(rollout):
-    """Return the error of each joint at the end [deg]."""
-    return np.degrees(np.abs(rollout.error[-1]))
-
-
 def test_the_law_of_the_guide_reaches_its_set_point(guide):
     assert guide["rollout"].diverged is None
-    assert error_at_the_end(guide["rollout"]).max() < 0.1
+    assert np.degrees(np.abs(guide["rollout"].error[-1])).max() < 0.1
 
 
 def test_the_closed_loop_of_the_guide_obeys_its_proof(guide):

@@ -15,11 +15,11 @@ FREE = MJCF.replace('pos="0 0 0.1">', 'pos="0 0 0.1"><freejoint/>').replace(
 )
 
 
-def mjcf(folder, text=MJCF, name="arm.xml"):
+def mjcf(folder, text=MJCF):
     """Write an MJCF file, one of its two meshes, and return its path."""
     (folder / "meshes").mkdir(exist_ok=True)
     (folder / "meshes" / "rib.stl").write_text(TRIANGLE)
-    path = folder / name
+    path = folder / "arm.xml"
     path.write_text(text)
     return path
 

@@ -16,11 +16,6 @@ ROBOTS = ["panda", "scara", "kinova"]
 LOAD = pa.Payload(0.8, (0.02, -0.01, 0.05), (0.004, 0.0, 0.005, 0.0, 0.0, 0.002))
 
 
-def text_of(robot):
-    """Return the root element of the URDF that a robot comes from."""
-    return ElementTree.fromstring(robot.origin.urdf.text)
-
-
 def numbers(root):
     """Return element path -> attributes, for what is neither a mesh nor an extension."""
     found = {}
@@ -79,7 +74,7 @@ def test_a_changed_robot_is_the_same_when_read_again(name, tmp_path):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_only_changes_are_written(name):
     robot = catalogue_robot(name)
-    before = numbers(text_of(robot))
+    before = numbers(ElementTree.fromstring(robot.origin.urdf.text))
     assert numbers(ElementTree.fromstring(robot.urdf())) == before
     after = numbers(ElementTree.fromstring(robot.changed(payload=LOAD).urdf()))
     touched = {path[:2] for path in after if after[path] != before.get(path)}

@@ -33,17 +33,17 @@ def run(estimator, t, q, v, tau, state=None, payload=None):
     return states
 
 
-def signals(loads, duration, dt=8e-3, name="panda", noise=5e-3):
+def signals(loads, duration, dt=8e-3):
     """Return a motion during which loads change at times [s]; friction is not as described."""
-    t, q, v, a = motion(name, duration=duration, dt=dt, seed=3)
-    robot = catalogue_robot(name).changed(viscous=0.5, coulomb=0.8)
+    t, q, v, a = motion("panda", duration=duration, dt=dt, seed=3)
+    robot = catalogue_robot("panda").changed(viscous=0.5, coulomb=0.8)
     tau = np.zeros(q.shape)
     for (since, load), until in zip(loads.items(), [*list(loads)[1:], np.inf], strict=True):
         part = (t >= since) & (t < until)
         true = robot if load is None else robot.changed(payload=load)
         tau[part] = torques(true, q[part], v[part], a[part])
     limits = robot.model.effortLimit
-    return t, q, v, tau + noise * limits * np.random.default_rng(0).standard_normal(q.shape)
+    return t, q, v, tau + 5e-3 * limits * np.random.default_rng(0).standard_normal(q.shape)
 
 
 def found_load(estimator, state, load):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.chain import configuration_from_angles
 from tests.support.chains import catalogue_robot
-from tests.support.effects import torque_of_everything
+from tests.support.effects import torque_of_everything, torques_of_everything
 from tests.support.recorded import motion
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shortened")]
@@ -29,12 +28,7 @@ def log_of_friction(name="ur5", noise=0.2, duration=8.0, **friction):
     true = described.changed(inertial_scale=1.1, friction=pa.Friction(**usual, **spread, **shafts))
     t, q, v, a = motion(name, duration=duration, dt=16e-3)
     rng = np.random.default_rng(0)
-    tau = np.array(
-        [
-            torque_of_everything(true, configuration_from_angles(true.model, q_k), v_k, a_k)
-            for q_k, v_k, a_k in zip(q, v, a, strict=True)
-        ]
-    )
+    tau = torques_of_everything(true, q, v, a)
     tau += noise * rng.standard_normal(tau.shape)
     return pa.Log(t, q, tau, v, tuple(described.joint_names)), true
 

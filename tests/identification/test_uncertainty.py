@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.chain import configuration_from_angles
 from tests.support.chains import catalogue_robot
-from tests.support.effects import torque_of_everything
+from tests.support.effects import torques_of_everything
 from tests.support.recorded import motion
 
 pytestmark = [
@@ -39,17 +38,12 @@ def arm(loaded=False):
 
 
 @cache
-def log_of_arm(seed, loaded=False, duration=9.0):
+def log_of_arm(seed, loaded=False):
     """Return a log with errors that last: ripple of the gears, and torques that wander for 1 s."""
     true = arm(loaded)
     rng = np.random.default_rng(seed)
-    t, q, v, a = motion("ur5", duration=duration, dt=12e-3, seed=seed)
-    tau = np.array(
-        [
-            torque_of_everything(true, configuration_from_angles(true.model, q_k), v_k, a_k)
-            for q_k, v_k, a_k in zip(q, v, a, strict=True)
-        ]
-    )
+    t, q, v, a = motion("ur5", duration=9.0, dt=12e-3, seed=seed)
+    tau = torques_of_everything(true, q, v, a)
     tau += 0.3 * np.sin(7.0 * q + rng.uniform(0.0, 6.0, 6))
     wander = np.zeros(6)
     for k in range(len(t)):

@@ -22,21 +22,21 @@ def robot_of(name, task):
     return mixed_robot(task)
 
 
-def unlike(robot, tool=(0.02, -0.01, 0.04)):
+def unlike(robot):
     """Return the robot with half a kilogram, and a tool that the model lacks."""
     load = pa.Payload(0.5, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
     if isinstance(robot.task, pa.tasks.JointTask):
         return robot.changed(payload=load)
-    return robot.changed(tool_translation=list(tool), payload=load)
+    return robot.changed(tool_translation=[0.02, -0.01, 0.04], payload=load)
 
 
-def beside_home(robot, by=0.02):
+def beside_home(robot):
     """Return a set point a little off home, turned for a pose."""
     x = robot.position(robot.q0)
     if isinstance(robot.task, pa.tasks.PoseTask):
         here = pa.trajectories.PoseTrajectory(pa.trajectories.Hold(x[:3]), x[3:])
-        return here.shifted([by, by, by, 0.1, -0.2, 0.05])
-    return pa.trajectories.Hold(x + by)
+        return here.shifted([0.02, 0.02, 0.02, 0.1, -0.2, 0.05])
+    return pa.trajectories.Hold(x + 0.02)
 
 
 # --- the proofs ---

@@ -17,16 +17,16 @@ from tests.support.loops import energy_along, with_tool_and_load
 from tests.support.recorded import frames_of_small_motions
 
 
-def camera_at(robot, direction, away=3.0, roll=0.4):
-    """Return a camera (3, 4) that looks at the frame at home from some reaches away.
+def camera_at(robot, direction):
+    """Return a camera (3, 4) that looks at the frame at home from three reaches away.
 
     A pixel counts as what it covers at the frame.
     """
     back = np.array(direction) / np.linalg.norm(direction)
     right = np.cross([0.0, 0.0, 1.0] if abs(back[2]) < 0.9 else [1.0, 0.0, 0.0], back)
     right /= np.linalg.norm(right)
-    R = pin.exp3(np.array([0.0, 0.0, roll])) @ np.array([right, np.cross(back, right), -back])
-    distance = away * robot.reach
+    R = pin.exp3(np.array([0.0, 0.0, 0.4])) @ np.array([right, np.cross(back, right), -back])
+    distance = 3.0 * robot.reach
     t = -R @ (robot.placement(robot.q0).translation + distance * back)
     K = np.diag([distance, distance, 1.0])
     K[:2, 2] = 0.2, -0.3  # the middle of the picture is not its origin
@@ -105,14 +105,14 @@ def test_velocity_of_a_picture_by_differences():
     assert plant.measurement(q, v).xd == pytest.approx(xd, abs=1e-7)
 
 
-def circle_of(true, radius=0.05):
+def circle_of(true):
     """Return a circle of the picture that starts where the robot is."""
     y_0 = true.position(true.q0)
 
     def path(t):
         phi = np.pi * t
         y = y_0.copy()
-        y[:2] += radius * true.reach * np.array([1.0 - np.cos(phi), np.sin(phi)])
+        y[:2] += 0.05 * true.reach * np.array([1.0 - np.cos(phi), np.sin(phi)])
         return y
 
     return pa.trajectories.as_trajectory(path, true.task)

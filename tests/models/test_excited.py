@@ -8,9 +8,9 @@ from pinadapt.models.excited import IDENTIFIABLE, TorqueErrors, scales
 from tests.support.chains import catalogue_robot
 
 
-def dynamics_of(name="ur5", **options):
+def dynamics_of(**options):
     """Return the dynamics of a controller."""
-    return pa.make_controller(catalogue_robot(name), **options).dynamics
+    return pa.make_controller(catalogue_robot("ur5"), **options).dynamics
 
 
 def sums_of(dynamics, at, true, states):
@@ -21,11 +21,11 @@ def sums_of(dynamics, at, true, states):
     return TorqueErrors(Y, Y @ (true - at), tau, at), Y, tau
 
 
-def states_of(nv, moving, count=40):
-    """Return random states in which only some joints move."""
+def states_of(nv, moving):
+    """Return forty random states in which only some joints move."""
     rng = np.random.default_rng(0)
     kept = np.isin(np.arange(nv), moving)
-    return [tuple(rng.standard_normal((3, nv)) * kept) for _ in range(count)]
+    return [tuple(rng.standard_normal((3, nv)) * kept) for _ in range(40)]
 
 
 def test_combinations_are_scaled_and_change_the_torques_independently():

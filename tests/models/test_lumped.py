@@ -44,16 +44,14 @@ def translations(robot, rng):
     return found
 
 
-def another(robot, parts, rng, bodies=None):
-    """Return a robot with other lengths and other inertias of the named bodies, all by default."""
+def another(robot, parts, rng):
+    """Return a robot with other lengths and other inertias."""
     shifts = {
         part.name: part.directions @ rng.uniform(-0.3, 0.3, part.directions.shape[1])
         for part in parts
     }
-    names = robot.joint_names if bodies is None else bodies
-    return robot.changed(
-        link_translation=shifts, inertial_scale={name: rng.uniform(0.4, 2.0) for name in names}
-    )
+    scales = {name: rng.uniform(0.4, 2.0) for name in robot.joint_names}
+    return robot.changed(link_translation=shifts, inertial_scale=scales)
 
 
 def check_exact(dynamics, true, rng):

@@ -117,11 +117,10 @@ def test_a_joint_in_stiction_creeps_at_the_velocity_of_the_torque_balance(inerti
     assert np.isclose(v[0], 0.01 * np.arctanh(0.2 / 0.5), rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["panda"])
 @pytest.mark.slow
-def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
+def test_integration_errors_are_below_a_hundredth_of_the_tracking_error():
     """One step per period against 32."""
-    case = zoo_case(name)
+    case = zoo_case("panda")
     controller = pa.make_controller(
         case.estimated,
         law="adaptive-jacobian",

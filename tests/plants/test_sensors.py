@@ -25,10 +25,10 @@ def moving(robot, count, dt=DT):
     ]
 
 
-def seen(robot, count, dt=DT, seed=0, **faults):
+def seen(robot, count, dt=DT, **faults):
     """Return ideal measurements and those of the sensors."""
     truths = moving(robot, count, dt)
-    sensors = pa.plants.SimulatedSensors(robot, dt, pa.Sensors(**faults), seed=seed)
+    sensors = pa.plants.SimulatedSensors(robot, dt, pa.Sensors(**faults))
     return truths, [sensors.measure(truth) for truth in truths]
 
 

@@ -12,10 +12,9 @@ from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 
 
-def resting(robot, q=None):
-    """Return a measurement of a robot at rest, at home or at q."""
-    q = robot.q0 if q is None else q
-    return pa.Measurement(0.0, q, np.zeros(robot.model.nv), robot.position(q))
+def resting(robot):
+    """Return a measurement of a robot at rest at home."""
+    return pa.plants.PinocchioPlant(robot).measure()
 
 
 def circle(robot, by=0.0):

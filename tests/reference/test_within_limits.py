@@ -10,11 +10,10 @@ from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 
 
-def fast_circle(robot, period, radius=0.1, plane="yz"):
+def fast_circle(robot, period, radius=0.1):
     """Return a circle through home, too fast for a robot."""
-    path = pa.trajectories.Circle(
-        np.zeros(robot.task.size), radius, period, "xy" if robot.task.size == 2 else plane
-    )
+    plane = "xy" if robot.task.size == 2 else "yz"
+    path = pa.trajectories.Circle(np.zeros(robot.task.size), radius, period, plane)
     return path.starting_at(robot.position(robot.q0))
 
 

@@ -30,11 +30,10 @@ def push_at(robot, q, force):
     return J.T @ force
 
 
-@pytest.mark.parametrize("name", ["ur5"])
-def test_a_push_on_a_learned_robot_is_its_joint_torque(name):
+def test_a_push_on_a_learned_robot_is_its_joint_torque():
     """Sideways, as no load pushes; 0.2 s are six times the slower filter's time."""
     force = np.array([0.0, 20.0, 0.0])
-    loaded = catalogue_robot(name).changed(payload=LOAD)
+    loaded = catalogue_robot("ur5").changed(payload=LOAD)
 
     class Pushed(pa.plants.PinocchioPlant):
         time = 0.0
@@ -44,7 +43,7 @@ def test_a_push_on_a_learned_robot_is_its_joint_torque(name):
             self.time += dt
             super().step(torque + pushed * push_at(loaded, self.measure().q, force), dt)
 
-    rollout = run(name, BEGIN + 0.3, Pushed, unknown=None)  # else the load explains a part
+    rollout = run("ur5", BEGIN + 0.3, Pushed, unknown=None)  # else the load explains a part
     k = round(BEGIN / DT)
     assert np.linalg.norm(rollout.disturbance[k]) < 0.1
     for later in (0.2, 0.25):

@@ -21,9 +21,9 @@ HEAVY = pa.Payload(1.2, [0.0, 0.02, 0.05], [4e-3, 0.0, 5e-3, 0.0, 0.0, 3e-3])
 TOOL = [0.02, -0.01, 0.06]
 
 
-def arm(name="z1", **changes):
-    """Return an arm of the catalogue, changed."""
-    return catalogue_robot(name).changed(**changes)
+def arm(**changes):
+    """Return a z1, changed."""
+    return catalogue_robot("z1").changed(**changes)
 
 
 def told(controller, state, **news):
@@ -70,7 +70,7 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit():
 # --- the loop ---
 
 
-def loop(changes=None, beliefs=None, guards=True, adaptation=None, **options):
+def loop(changes=None, guards=True, adaptation=None, **options):
     """Return a short rollout of a z1 that carries a light load at first."""
     true = arm(payload=LIGHT)
     controller = pa.make_controller(
@@ -81,7 +81,7 @@ def loop(changes=None, beliefs=None, guards=True, adaptation=None, **options):
     )
     options = {
         "duration": 0.06,
-        "events": pa.Events(changes=changes, announcements=beliefs),
+        "events": pa.Events(changes=changes),
         **options,
     }
     return pa.simulate(true, controller, circle_at_home(true), **options)
@@ -229,11 +229,11 @@ def test_announcements_that_the_parameters_cannot_express_are_refused(make, news
 # --- the panda of the example, its changes sooner ---
 
 
-def changing(table, drop=0.7, lift=1.4):
-    """Return a setting: a load dropped and another one lifted at two times [s], the later first."""
+def changing(table):
+    """Return a setting: a load dropped after 0.7 s, another lifted after 1.4 s, the later first."""
     return (
-        f"events.{table}=[{{ at = {lift}, payload = {{ mass = 3.0, com = [0.0, 0.0, 0.05] }} }}, "
-        f"{{ at = {drop}, payload = {{ mass = 0.0 }} }}]"
+        f"events.{table}=[{{ at = 1.4, payload = {{ mass = 3.0, com = [0.0, 0.0, 0.05] }} }}, "
+        "{ at = 0.7, payload = { mass = 0.0 } }]"
     )
 
 

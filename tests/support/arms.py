@@ -45,9 +45,9 @@ def controller(**options):
     return pa.make_controller(robot(), dt=PERIOD, **given)
 
 
-def circle(radius=0.1, period=2.0):
+def circle():
     """Return a small circle at the home of the arm."""
-    return pa.trajectories.Circle(robot().position(robot().q0), radius, period)
+    return pa.trajectories.Circle(robot().position(robot().q0), 0.1, 2.0)
 
 
 def arm(true=None, kind=PlantArm, **options):

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
+from pinadapt.description.chain import configuration_from_angles
 
 
 def with_everything(robot, rng):
@@ -22,6 +23,12 @@ def with_everything(robot, rng):
         shafts=(pa.robot.Shaft(last, -1, 0.02, 0.3, 0.4),) if n > 1 else (),
     )
     return robot.changed(armature=rng.uniform(0.01, 0.3, n), friction=friction)
+
+
+def torques_of_everything(robot, q, v, a):
+    """Return the torques (N, n) along angles, velocities and accelerations of the joints."""
+    at = [configuration_from_angles(robot.model, angles) for angles in q]
+    return np.array([torque_of_everything(robot, *one) for one in zip(at, v, a, strict=True)])
 
 
 def torque_of_everything(robot, q, v, a):

@@ -4,12 +4,13 @@ import numpy as np
 import pinocchio as pin
 
 
-def followed(robot, circle, start, turns=1.2, steps=300):
+def followed(robot, circle, start, turns=1.2):
     """Return configurations (N, nq) and speeds (N, nv) on the circle, by fine steps of J^+."""
     model = robot.model
     data = robot.model.createData()
     q = robot.q0
     rows = robot.task.rows
+    steps = 300  # a turn
     dt = circle.period / steps
     path = circle.starting_at(start[rows])
     configurations = []

@@ -52,9 +52,9 @@ class Energy:
         assert (self.rate <= 0.0).all() and self.largest_rise() <= 1e-12
 
 
-def circle_at_home(robot, radius=0.05, period=2.0):
+def circle_at_home(robot):
     """Return a circle that starts at the robot's home at full speed: short loops show motion."""
-    circle = pa.trajectories.Circle(np.zeros(robot.task.size), radius, period)
+    circle = pa.trajectories.Circle(np.zeros(robot.task.size), 0.05, 2.0)
     return circle.starting_at(robot.position(robot.q0)).as_given()
 
 

@@ -144,16 +144,13 @@ def test_a_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
 # --- the command ---
 
 
-def swept(folder, *arguments):
-    return main(["sweep", *map(str, arguments), "--processes", "0", "--out", str(folder)])
-
-
 def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
     scenario, tmp_path, capsys, blank_pictures
 ):
     out = tmp_path / "out"
     vary = ["truth.payload.mass=lin(0.1, 2, 3)", "sensors.noise.x=[0.0, 1e-3, 1e30]"]
-    assert swept(out, scenario, "--vary", *vary, "--success", "error_share < 5") == 0
+    given = [str(scenario), "--vary", *vary, "--success", "error_share < 5"]
+    assert main(["sweep", *given, "--processes", "0", "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "9 of 9 cases; success (error_share < 5) " in text and "interval" in text
     names = {path.name for path in out.iterdir()}

@@ -6,20 +6,21 @@ import pytest
 import pinadapt as pa
 from pinadapt.tasks.frame import TASKS, matrix
 from tests.support.chains import catalogue_robot
+from tests.support.recorded import LOAD, TOOL
 
 pytestmark = pytest.mark.slow
 
 POSE = TASKS["pose"]
-LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
 
 
-def pose_robot(name="panda"):
-    return catalogue_robot(name, task="pose")
+def pose_robot():
+    return catalogue_robot("panda", task="pose")
 
 
-def circle(robot, axis=(0.0, 0.0, 1.0)):
+def circle(robot):
     path = pa.trajectories.PoseTrajectory(
-        pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz"), pa.trajectories.Swing(axis, 0.3, 2.0)
+        pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz"),
+        pa.trajectories.Swing((0.0, 0.0, 1.0), 0.3, 2.0),
     )
     return path.starting_at(robot.position(robot.q0)).as_given()
 
@@ -52,7 +53,7 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters():
 
 def test_panda_learns_tool_and_load_and_tracks_its_pose():
     robot = pose_robot()
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
+    true = robot.changed(tool_translation=TOOL, payload=LOAD)
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.7), law="adaptive-jacobian", dt=2e-3
     )

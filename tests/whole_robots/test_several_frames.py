@@ -1,9 +1,5 @@
 """Several task frames in one controller: kinematics, V, closed loops, loads and tools by frame."""
 
-import base64
-import gzip
-import re
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -24,17 +20,12 @@ from tests.support.two_arms import (
     two_arms,
     with_tools_and_loads,
 )
+from tests.view.test_animation import stream
 
 HELD = pa.Loop(*ENDS, closed=False)  # one point of an object
 TURNED = pa.Loop(*ENDS, rows=(4,), closed=False)  # the hands turn alike about an axis
 TIAGO = ["arm_left_tool_link", "arm_right_tool_link"]
 UNPHYSICAL = pytest.mark.filterwarnings("ignore:the inertias of the bodies")  # of TIAGo's shoulders
-
-
-def stream(animation):
-    """Return the messages of a page."""
-    packed = re.search(r'id="messages">([^<]*)<', animation.html)[1]
-    return gzip.decompress(base64.b64decode(packed))
 
 
 def test_the_tree_of_the_chains_to_the_frames_is_loaded():
