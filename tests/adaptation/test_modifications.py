@@ -84,6 +84,13 @@ def begun(adaptation):
     return estimate
 
 
+def test_parts_of_a_drive_know_that_a_motor_saturates():
+    """Else a memory inside a modification takes an obstacle for a load."""
+    drive = drive_at(START).without_tracking()
+    parts = drive.scaled(0.5, 0.5), drive.columns(slice(2)), drive.weighted(np.eye(2))
+    assert all(part.saturated for part in parts)
+
+
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 @pytest.mark.parametrize("inner", INNER)
 def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):

@@ -237,6 +237,14 @@ def _stepped_from(sensors):
     return controller.step(state, measurement._replace(t=1e-3), desired, 1e-3)
 
 
+def _tool_in_a_picture():
+    """Announce a tool to a controller whose task is a picture."""
+    robot = pa.load("ur5", task="image", pixel=0.002)
+    controller = pa.make_controller(robot)
+    state = controller.init(pa.plants.PinocchioPlant(robot).measure())
+    return controller.announce(state, tool_translation=[0.0, 0.0, 0.1])
+
+
 def _parts():
     """Return kinematics and dynamics of a controller."""
     controller = pa.make_controller(pa.load("planar_2r"))
@@ -254,6 +262,7 @@ SILENT = {
     "state of an exact arm": (lambda: _stepped_from(None), "another controller"),
     "a slower motion that is faster": (lambda: pa.trajectories.SlowedTime(0.5), "slowness: must"),
     "an axis of zeros": (lambda: pa.trajectories.Swing([0, 0, 0], 0.3, 2.0), "orientation.axis"),
+    "a tool in a picture": (_tool_in_a_picture, "cannot express this tool"),
     "milliseconds": (lambda: pa.Camera(rate=30.0, delay=300.0), "30 ms are 0.03"),
     "a frame twice": (lambda: pa.load("tiago_dual", frames=HANDS), "frames: one is given twice"),
     "a translation twice": (

@@ -46,11 +46,12 @@ def driven(lambda_s, noise):
     """
     robot = catalogue_robot("ur5")
     controller = made(
+        lambda_s=lambda_s,
         unknown=pa.Unknown(friction=False, armature=False),
         limits=pa.Limits(guards=False, torque=False),
     )
     controller = pa.Controller(
-        controller.law.adjusted(lambda_s=lambda_s),
+        controller.law,
         controller.kinematics,
         controller.dynamics,
         adaptation_k=controller.adaptation_k,
