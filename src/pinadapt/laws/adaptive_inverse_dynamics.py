@@ -38,6 +38,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     name = "adaptive-inverse-dynamics"
     sources = ("WangXie2009",)
+    inverts_estimate = True
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
@@ -81,6 +82,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
     name = "adaptive-inverse-dynamics-velocity"
     sources = ("WangXie2009",)
+    inverts_estimate = True
     needs_task_velocity = True
 
     def _check(self) -> None:

@@ -169,6 +169,7 @@ class Law(ABC):
         velocity_error: whether the error of the joint velocity drives the dynamic estimate.
         uses_acceleration: whether ``command`` reads ``Signals.a`` for torque or drives. If not, a
             continuous loop with the ideal acceleration evaluates the law once instead of twice.
+        inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
         keeps_speeds: whether its reference may be shortened to speeds that joints have, its
             attribute ``speeds``. Else a governor stops the path before singularities of J_hat.
         joint_space: whether it is for joint tasks only.
@@ -204,6 +205,7 @@ class Law(ABC):
     uses_position_error = False
     velocity_error = False
     uses_acceleration = True
+    inverts_estimate = False
     keeps_speeds = False
     joint_space = False
     set_point = False

@@ -66,6 +66,7 @@ class MiddletonGoodwin(AccelerationLaw):
     name = "middleton-goodwin"
     sources = ("MiddletonGoodwin1988",)
     joint_space = True
+    inverts_estimate = True
     learns_from_torque = True
     uses_acceleration = False
     prediction_mode = 4.0
