@@ -17,6 +17,7 @@ from ..controller.state import Bridged, ControllerState, Sample
 from ..description.chain import effort_limits
 from ..exceptions import ImplausibleError, InputError, ParameterError
 from ..information.information import MotionTorques, TorquePrediction, motion_torques
+from ..information.measured_motion import evenly
 from ..laws.law import Truth
 from ..models.basis import base_parameters
 from ..plants.pinocchio_plant import PinocchioPlant
@@ -459,12 +460,12 @@ class Recording:
     def lyapunov(self) -> np.ndarray | None:
         """V(t) (N), or None where undefined; it jumps where the true robot changes.
 
-        Of 2000 samples or more it is computed at a thousand, and linear between them.
+        Of more than a thousand samples it is computed at so many, and linear between them.
         """
         run = self.evaluated()
-        step = max(1, len(self.t) // 1000)
-        V = run.storage(run.samples[::step])
-        return None if V is None else np.interp(self.t, self.t[::step], V)
+        chosen = evenly(len(self.t), 1000)
+        V = run.storage([run.samples[k] for k in chosen])
+        return None if V is None else np.interp(self.t, self.t[chosen], V)
 
     @cached_property
     def min_eig_M_hat(self) -> np.ndarray:
