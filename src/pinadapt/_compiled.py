@@ -22,7 +22,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
-from typing import Annotated, Any, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 
@@ -84,19 +84,20 @@ def _entry_point(function: Callable[..., Any], fills: int, allocates: bool) -> C
     """Return the machine code of a kernel, compiled for its one signature."""
     from numba import config, njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
-    from numba.extending import as_numba_type
 
     if vars(config)["DISABLE_JIT"]:
         return function
     *hints, result = get_type_hints(function, include_extras=True).values()
     names = (_SCALARS.get(hint) or hint.__metadata__[0] for hint in hints)
-    arguments, _ = normalize_signature(f"void({', '.join(names)})")
+    several = ", ".join(_SCALARS[part] for part in get_args(result))
+    returned = f"Tuple(({several}))" if several else _SCALARS.get(result, "void")
+    arguments, made = normalize_signature(f"{returned}({', '.join(names)})")
     first = len(arguments) - fills
     read = [
         kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
         for kind in arguments[:first]
     ]
-    typed = as_numba_type(result)(*read, *arguments[first:])
+    typed = made(*read, *arguments[first:])
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     options = {"error_model": "numpy", "boundscheck": True, **counting}
