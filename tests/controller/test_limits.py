@@ -81,6 +81,8 @@ def test_a_level_is_met_exactly_whatever_those_behind_it_ask():
         assert np.allclose(J[:3] @ r, u[:3], atol=1e-9)
         mu_2 = inverse.damping[levels == 1.0][0]
         assert not inverse.damping[levels == 0.0].any() and 0.0 < mu_2 < s_0**2
+        fed = inverse.feedback(np.ones(7), 20.0 * u[order], *np.zeros((3, 6)), np.zeros((6, 7)))[0]
+        assert np.array_equal(fed == 20.0 * u[order], levels == 0.0)
         # the second one is nearest in what the first leaves: Siciliano and Slotine's recursion
         N = np.eye(7) - np.linalg.pinv(J[:3]) @ J[:3]
         first = psi + np.linalg.pinv(J[:3]) @ (u[:3] - J[:3] @ psi)
@@ -103,7 +105,8 @@ def test_the_rate_of_a_solution_with_priorities_is_its_derivative(smallest, firs
     Jdot = rng.standard_normal((6, 7))
     U, sigma, V = np.linalg.svd(J[:3], full_matrices=False)
     J[:3] = U @ np.diag([*sigma[:2], first]) @ V
-    u, ud, psi, psid = (rng.standard_normal(k) for k in (3, 3, 7, 7))
+    u, ud = 20.0 * rng.standard_normal((2, 3))
+    psi, psid = rng.standard_normal((2, 7))
     w, wd = rng.standard_normal((2, 3))
     A, A_rate = J[:3], Jdot[:3]  # constraints come before all tasks
     task = J[3:]
@@ -115,10 +118,14 @@ def test_the_rate_of_a_solution_with_priorities_is_its_derivative(smallest, firs
         found.moving(w + t * wd, wd)
         return found
 
-    def at(t):
-        return inverse(t).solve(u + t * ud, psi + t * psid)
+    def fed(t):
+        return inverse(t).feedback(np.ones(7), u + t * ud, ud, *np.zeros((2, 3)), task_rate)
 
-    r, rate = inverse(0.0).solve_with_rate(u, psi, ud, psid, task_rate)
+    def at(t):
+        return inverse(t).solve(fed(t)[0], psi + t * psid)
+
+    u_0, ud_0 = fed(0.0)
+    r, rate = inverse(0.0).solve_with_rate(u_0, psi, ud_0, psid, task_rate)
     assert np.allclose(r, at(0.0), rtol=1e-12)
     assert np.allclose(derivative(at, h=1e-6), rate, rtol=1e-4, atol=1e-4 * np.abs(rate).max())
     if first == 0.5:

@@ -102,7 +102,6 @@ def test_the_tracker_may_stand_anywhere_and_measure_poses():
     assert errors.max() < 1e-3 and found.after.turn < 3e-3 and found.before.turn > 0.02
     assert found.noise[1] == pytest.approx(1e-3, rel=0.2)
     assert "wrist_3_joint.offset" in found.unidentified
-    assert "tracker" in str(found)
     plain = calibrate(recorded("ur5", pose=True), catalogue_robot("ur5"))
     assert len(plain.combinations) == len(found.combinations)
     with pytest.raises(pa.LogError, match=r"turned by .* --tracker"):

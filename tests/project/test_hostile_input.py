@@ -226,15 +226,13 @@ def test_any_value_is_refused_or_runs_to_finite_numbers(key, value):
 # --- what would be wrong in silence ---
 
 
-def _stepped_from(sensors):
+def _stepped_from_a_noisy_arm():
     """Step a controller from the state of one for other sensors."""
     robot = pa.load("planar_2r")
     measurement = pa.plants.PinocchioPlant(robot).measure()
-    state = pa.make_controller(robot, sensors=sensors).init(measurement)
-    noisy = pa.Sensors(encoder=1e-4) if sensors is None else None
+    state = pa.make_controller(robot, sensors=pa.Sensors(encoder=1e-4)).init(measurement)
     desired = pa.Desired(measurement.x, np.zeros(2), np.zeros(2))
-    controller = pa.make_controller(robot, sensors=noisy)
-    return controller.step(state, measurement._replace(t=1e-3), desired, 1e-3)
+    pa.make_controller(robot).step(state, measurement._replace(t=1e-3), desired, 1e-3)
 
 
 def _tool_in_a_picture():
@@ -242,7 +240,7 @@ def _tool_in_a_picture():
     robot = pa.load("ur5", task="image", pixel=0.002)
     controller = pa.make_controller(robot)
     state = controller.init(pa.plants.PinocchioPlant(robot).measure())
-    return controller.announce(state, tool_translation=[0.0, 0.0, 0.1])
+    controller.announce(state, tool_translation=[0.0, 0.0, 0.1])
 
 
 def _parts():
@@ -251,20 +249,21 @@ def _parts():
     return controller.kinematics, controller.dynamics
 
 
-HANDS = ["arm_left_tool_link"] * 2
 SILENT = {
     "kinematics at more parameters": (
         lambda: _parts()[0].update(np.zeros(9), np.zeros(2), np.zeros(2)),
         "a_k: expected 3 numbers",
     ),
     "dynamics at fewer parameters": (lambda: _parts()[1].load(np.zeros(5)), "a_d: expected"),
-    "state of a noisy arm": (lambda: _stepped_from(pa.Sensors(encoder=1e-4)), "another controller"),
-    "state of an exact arm": (lambda: _stepped_from(None), "another controller"),
+    "state of a noisy arm": (_stepped_from_a_noisy_arm, "another controller"),
     "a slower motion that is faster": (lambda: pa.trajectories.SlowedTime(0.5), "slowness: must"),
     "an axis of zeros": (lambda: pa.trajectories.Swing([0, 0, 0], 0.3, 2.0), "orientation.axis"),
     "a tool in a picture": (_tool_in_a_picture, "cannot express this tool"),
     "milliseconds": (lambda: pa.Camera(rate=30.0, delay=300.0), "30 ms are 0.03"),
-    "a frame twice": (lambda: pa.load("tiago_dual", frames=HANDS), "frames: one is given twice"),
+    "a frame twice": (
+        lambda: pa.load("tiago_dual", frames=["a", "a"]),
+        "frames: one is given twice",
+    ),
     "a translation twice": (
         lambda: pa.make_controller(
             pa.load("ur5"), unknown=pa.Unknown(translations=["elbow_joint"] * 2)

@@ -181,7 +181,7 @@ class LearnedParameters:
             "a_d": _in_order(self.dynamic, dynamic, "learned.dynamic"),
         }
         if not self.units.items() <= _units(controller).items():
-            raise ParameterError("units of another robot: joints slide or turn.", where="learned")
+            raise ParameterError("its parameters have other units.", where="learned")
         if self.robot != kinematics.robot.name:
             warnings.warn(
                 f"what a '{self.robot}' has learned starts a '{kinematics.robot.name}'.",

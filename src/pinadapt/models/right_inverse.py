@@ -140,18 +140,24 @@ class RightInverse:
 
         |J^+| <= 1 / s_0 keeps joints within the speeds (n) for |u| <= s_0 max(speeds), and for
         mu_max^2 / mu^2 as much where the damping begins. Beyond a singularity a larger u gains
-        nothing, but multiplies J^+ u's rate, which is linear in the joint velocity: sampled, that
-        rings. No feedback is shortened without damping.
+        nothing, but multiplies the rate of J^+ u, which is linear in the joint velocity: sampled,
+        that rings. Each level is shortened by itself, and none that is not damped.
         """
         if not self._damped:
             return u, ud
-        most = np.full(self.size, 0.5 * self._threshold**3 * speeds.max())  # mu_max^2 s_0 speed
+        most = 0.5 * self._threshold**3 * speeds.max()  # mu_max^2 s_0 max(speeds)
         mu_2 = self.damping[: self.size]
         fed = u - u_d
         fed_rate = ud - ud_d
-        changed = self._damping_rate(Jdot)[: self.size] * fed + mu_2 * fed_rate
-        f, f_rate = _shortening(most, *_WHOLE, mu_2 * fed, changed)
-        return u_d + f * fed, ud_d + f * fed_rate + f_rate * fed
+        x = mu_2 * fed
+        x_rate = self._damping_rate(Jdot)[: self.size] * fed + mu_2 * fed_rate
+        levels = self._levels[: self.size]
+        for own in (levels == level for level in np.unique(levels)):
+            limits = np.full(np.count_nonzero(own), most)
+            f, f_rate = _shortening(limits, *_WHOLE, x[own], x_rate[own])
+            fed_rate[own] = f * fed_rate[own] + f_rate * fed[own]
+            fed[own] *= f
+        return u_d + fed, ud_d + fed_rate
 
     def keeping(
         self,
